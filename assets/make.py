@@ -58,7 +58,7 @@ def make_bracket(path: Path) -> None:
     points = np.array([(x[i] - 40, y[j] - 30, z[k]) for i, j, k in vertices])
     slant = (points[:, 0] == x[2] - 40) & (points[:, 2] >= 24)
     points[slant, 0] -= (points[slant, 2] - 12) * 0.25  # the wall leans back over the base
-    write_obj(path, points, quads, groups, {"steel": (0.55, 0.58, 0.62), "brass": (0.78, 0.62, 0.30)})
+    write_obj(path, points, quads, groups, {"steel": (0.42, 0.46, 0.52), "brass": (0.80, 0.68, 0.45)})
     write_sidecar(path, "mm", "A machined bracket: sharp edges, concave corners, a pocket, a slanted wall.")
 
 
@@ -134,16 +134,21 @@ def make_plate(path: Path) -> None:
 
 
 def draw_plate(path: Path) -> None:
-    """The picture: a weave on the left half, grain on the right."""
-    width, height = 600, 360
-    x, y = np.meshgrid(np.arange(width), np.arange(height))
-    over = ((x // 12 + y // 12) % 2).astype(bool)
-    thread = np.where(over, np.sin(np.pi * (x % 12 + 0.5) / 12), np.sin(np.pi * (y % 12 + 0.5) / 12))
-    weave = np.array((96, 120, 150)) + (thread[..., None] - 0.6) * np.array((70, 80, 90))
-    bend = 6 * np.sin(x / 70.0) + 3 * np.sin(x / 23.0 + 1)
-    ring = np.sin((y + bend) / 5.0) + 0.5 * np.sin((y + 2 * bend) / 2.1)
-    grain = np.array((178, 132, 84)) + ring[..., None] * np.array((18, 17, 14))
-    pixels = np.where((x < width // 2)[..., None], weave, grain)
+    """The picture: on the left half blue waves in the Japanese way, printed on cloth; on the right half walnut."""
+    width, height, r = 600, 360, 60
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    wave = np.full((height, width), np.inf)
+    for row in range(2 * height // r + 3):  # later rows cover earlier ones
+        far = np.hypot((x + r * (row % 2)) % (2 * r) - r, y - row * r / 2)
+        wave = np.where(far < r, far, wave)
+    ring = np.clip(np.abs((wave / r * 4 + 0.5) % 1 - 0.5) / 0.09 - 1, 0, 1)[..., None]  # 0 on a line
+    cloth = np.array((214, 222, 226)) + 5 * np.where((x // 2 + y // 2) % 2, 1, -1)[..., None]
+    print_ = ring * cloth + (1 - ring) * np.array((38, 70, 120))
+    bend = 14 * np.sin(x / 150 + 0.6) + 5 * np.sin(x / 47 + 1) + 2 * np.sin(x / 17)
+    late = ((y + bend * (1 + y / 240)) / 27 % 1) ** 2
+    fibre = np.sin((y + 0.5 * bend) / 1.3 + 2 * np.sin(x / 31)) + np.sin((y + bend) / 2.9 + 1)
+    walnut = np.array((132, 88, 54)) - (46 * late - 5 * fibre)[..., None] * np.array((1.0, 0.8, 0.55))
+    pixels = np.where((x < width // 2)[..., None], print_, walnut)
     Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8)).save(path, optimize=True)
 
 

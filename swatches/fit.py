@@ -54,12 +54,12 @@ class Source:
 
 
 SOURCES = {
-    "wood": Source("cdp_wood.csv", CDP, 650.0, 50.0, 100.0, 80.0, (0.90, 0.62, 0.00)),
+    "wood": Source("cdp_wood.csv", CDP, 650.0, 50.0, 100.0, 80.0, (0.71, 0.49, 0.28)),
     "paper": Source("cdp_paper.csv", CDP, 500.0, 30.0, 80.0, 120.0, (0.96, 0.94, 0.86)),
     "leather": Source("cdp_leather.csv", CDP, 350.0, 20.0, 40.0, 60.0, (0.42, 0.18, 0.10)),
     "epoxy": Source(
         "lmt108_G1EpoxyRasterPlate_Movement_X_test1.txt",
-        LMT, 700.0, 60.0, 220.0, 90.0, (0.00, 0.45, 0.70), friction=(0.30, 0.25), modulation=0.75,
+        LMT, 700.0, 60.0, 220.0, 90.0, (0.10, 0.37, 0.58), friction=(0.30, 0.25), modulation=0.75,
     ),
 }  # fmt: skip
 

@@ -34,7 +34,7 @@ def check_scene(path: str, options: ReadOptions | None = None) -> None:
             from hapscene.scene.mesh import unit_name
 
             unit_name(unit)
-    elif suffix in UNITLESS and not (suffix == "ply" and _is_painted(path)):
+    elif suffix in UNITLESS:
         raise MeshError(
             f"{path}: {suffix.upper()} files do not store a unit of length; add one, as in --unit mm "
             f"(one of {', '.join(UNITS)})"
@@ -44,12 +44,6 @@ def check_scene(path: str, options: ReadOptions | None = None) -> None:
         from hapscene.swatches.library import load_swatch
 
         load_swatch(swatch)
-
-
-def _is_painted(path: str) -> bool:
-    """Whether a PLY file is a painted scene written by hapscene, which stores its unit."""
-    with Path(path).open("rb") as file:
-        return b"comment hapscene" in file.read(4096)
 
 
 def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:

@@ -1,6 +1,5 @@
 """`hapscene view`, `hapscene check` and `hapscene convert`: commands for scenes and meshes."""
 
-import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -36,7 +35,6 @@ def view(
     seconds: Annotated[
         Positive | None, Help("Duration of a video [s] (default: duration of the touch, without one 6)")
     ] = None,
-    turn: Annotated[float, Help("Angle by which the camera of a video turns around the scene [degrees]")] = 360.0,
     show: Annotated[ShowLayers, Help("Layers shown: materials of the meshes, paint, or both")] = "both",
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
@@ -56,7 +54,7 @@ def view(
     from hapscene.touch import step
     from hapscene.view.offscreen import started_ahead
     from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.picture import RATES_HZ, Film, write_film, write_picture
+    from hapscene.view.picture import RATES_HZ, write_picture
 
     kind = out.suffix.lower()
     if kind not in (".png", *RATES_HZ):
@@ -70,11 +68,7 @@ def view(
         loaded = load_input(scene, mesh)
         recording = None if touch is None else Recording.load(touch)
         stack.enter_context(step(print_progress, f"drawing {out}"))
-        if kind == ".png":
-            write_picture(loaded, recording, out, size=size, theme=theme, show=show)
-        else:
-            film = Film(size or Film.size, seconds, math.radians(turn), theme, show)
-            write_film(loaded, recording, out, film)
+        write_picture(loaded, recording, out, size=size, seconds=seconds, theme=theme, show=show)
     print_files([out])
 
 

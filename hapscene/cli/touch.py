@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -130,7 +130,6 @@ def touch(
     tip_radius: TipRadius = 0.0,
     no_picture: Annotated[bool, Help("Skip the picture scene.png")] = False,
     dark: Dark = False,
-    view: Annotated[bool, Help("Show the touch in a window afterwards, in real time")] = False,
     hand: HandOptions = HandOptions(),
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
@@ -152,26 +151,17 @@ def touch(
     hand.check(path)
     from hapscene.view.offscreen import started_ahead
 
-    with started_ahead(not no_picture):
-        _check_display(view)
+    with nullcontext() if no_picture else started_ahead():
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
         render = {"settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
         render |= {"tip_radius_m": tip_radius} | ({} if effects is None else {"effects": effects})
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
-        by_hand = hand.hand is not None
-        print_files((_touch_by_hand if by_hand else _touch_along)(loaded, path, out, hand, render, write))
-        if view:
-            _show(loaded, out, dark, by_hand, f"hapscene: {Path(scene).name}")
-
-
-def _check_display(view: bool) -> None:
-    """Check before the computation that a window can be shown."""
-    if view:
-        from hapscene.view.window import check_display
-
-        check_display()
+        if hand.hand is None:
+            print_files(_touch_along(loaded, path, out, render | write))
+        else:
+            print_files(_touch_by_hand(loaded, path, out, hand, render, write))
 
 
 def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
@@ -198,16 +188,13 @@ def _opened(scene: str, mesh: MeshOptions, device: str) -> "tuple[Scene, MuJoCo 
     return bridge.scene, bridge
 
 
-def _touch_along(
-    scene: "Scene", path: Path | None, out: Path, hand: HandOptions, render: dict[str, Any], write: dict[str, Any]
-) -> Sequence[Path]:
+def _touch_along(scene: "Scene", path: Path | None, out: Path, how: dict[str, Any]) -> Sequence[Path]:
     """Render a touch along a path from a file, or along one that explores the scene."""
     from hapscene.motion.hand_path import explore
     from hapscene.motion.path_file import load_path
     from hapscene.touch import step
     from hapscene.touch import touch as run
 
-    how = render | write
     if path is not None:
         t_s, p_WT = load_path(path, TICK_S)
         return run(scene, out, p_WT, t_s=t_s, say=print_progress, caution=print_warning, **how)
@@ -253,16 +240,3 @@ def _aim(scene: "Scene", bridge: "MuJoCo | None") -> "Scene":
     moving = copy(scene)
     moving.bodies = [body for body in scene.bodies if body.name in bridge.names]
     return moving
-
-
-def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> None:
-    """Show a recorded touch in a window until the window is closed."""
-    from hapscene.render.recording import Recording
-    from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.window import play_in_window, with_hand
-
-    recording = Recording.load(out / "touch.npz")
-    if by_hand:
-        recording = with_hand(recording, out / "hand.npz")
-    print("showing the touch in a window; close the window or press Ctrl-C to end", flush=True)
-    play_in_window(scene, recording, title, theme=DARK if dark else LIGHT)

@@ -13,9 +13,8 @@ from hapscene.errors import SaveConflict, SceneError, no_such
 from hapscene.exchange.gltf import write_gltf
 from hapscene.exchange.gltf_read import read_gltf
 from hapscene.exchange.html_page import write_html
-from hapscene.exchange.painted_ply import read_ply, write_ply
 from hapscene.exchange.swatch_payload import digest_of, known_swatch, warn_of_loss
-from hapscene.exchange.unpainted import read_named, write_obj, write_stl
+from hapscene.exchange.unpainted import read_named, write_obj, write_ply, write_stl
 from hapscene.io.files import check_file, naming
 from hapscene.scene.fine_paint import parts, swatches_of
 from hapscene.scene.mesh import unit_name
@@ -51,7 +50,6 @@ _ALWAYS = ("group names of the mesh file", "swatches of bodies before painting")
 _BLENDS = "blends of two swatches"
 _FINE = "paint of subdivided faces"
 _ATTACHED = "attached bodies"
-_PLY_LOSES = ("shared meshes", _ATTACHED, "texture of a swatch not in the library", _BLENDS, _LOOK, *_ALWAYS)
 _GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
 _PLAIN_LOSES = (
     *("bodies and their names", "poses", "two-sided", "shared meshes", _LOOK, *_ALWAYS),
@@ -69,7 +67,7 @@ EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {
         "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", write_gltf, _GLTF_LOSES),
         "gltf": Export(".gltf", "glTF in one text file", write_gltf, _GLTF_LOSES),
-        "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLY_LOSES),
+        "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLAIN_LOSES),
         "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
         "stl": Export(".stl", "STL: geometry only", write_stl, _STL_LOSES),
         "html": Export(".html", "page to touch in any browser, one file", write_html, _PAGE_LOSES),
@@ -118,7 +116,7 @@ def losses(scene: Scene, name: str) -> tuple[str, ...]:
 
 
 _READERS: Final[Mapping[str, Callable[[Path], Scene | None]]] = MappingProxyType(
-    {".glb": read_gltf, ".gltf": read_gltf, ".ply": read_ply}
+    {".glb": read_gltf, ".gltf": read_gltf}
 )
 """Readers by suffix; they return None for files that hapscene did not write."""
 
@@ -245,7 +243,7 @@ def import_scene(
     the library; the others are plain.
 
     Args:
-        path: GLB, glTF, PLY, or any mesh file.
+        path: GLB, glTF, or any mesh file.
         unit: unit of length of a mesh file, see `hapscene.load_mesh`; exported scenes are in metres.
         up, scale: vertical axis and scale of a mesh file, see `hapscene.load_mesh`; exported scenes define them.
 

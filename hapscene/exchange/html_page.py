@@ -13,9 +13,10 @@ import math
 import re
 import zlib
 from collections.abc import Iterable
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +27,21 @@ from hapscene.errors import SceneError, printable
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.io.files import Json, write_whole
 from hapscene.scene.body import Body
+from hapscene.scene.material import Material, picture_file
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.topology import area_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
-from hapscene.swatches.picture import plain_look, relief
+from hapscene.swatches.picture import plain_look
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 from hapscene.swatches.words import phrases
 from hapscene.view.body_triangles import corner_normals, used_swatches
+from hapscene.view.feel_layer import grain_of
 from hapscene.view.palette import distinct_colours, rgb
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 __all__ = ["html_page", "write_html"]
 
@@ -53,8 +59,14 @@ COLOUR_STEP: Final = 0.12
 """Difference from the mean colour around a vertex above which a face keeps its own colour [1]; smaller differences, as
 in a texture, are drawn as a gradient."""
 
-GRAIN_PX: Final = 128
+GRAIN_PX: Final = 192
 """Size of the picture of a relief [pixels]."""
+
+PICTURE_PX: Final = 512
+"""Size of the pictures of the materials of mesh files [pixels]."""
+
+PICTURES_MAX: Final = 16
+"""Maximum number of materials with a picture [count]; further ones have the mean colour of their faces."""
 
 STEEPEST: Final = 1.0
 """Steepest slope of a relief [1]; steeper ones are clipped."""
@@ -124,23 +136,29 @@ class _Solid(NamedTuple):
         faces: (m, 3) indices.
         swatch: (m,) index into the swatches of the scene.
         colour: (m, 3) colours of the mesh file or of the swatches, sRGB, 0 to 1.
+        picture: (m,) index of the picture that replaces the colour; −1 for none.
+        uv: (m, 3, 2) texture coordinates of the corners, v downward.
     """
 
     vertices_m: Array
     faces: Array
     swatch: Array
     colour: Array
+    picture: Array
+    uv: Array
 
 
 def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
     used = np.array(used_swatches(scene))
     colours = distinct_colours(scene.swatches, used.tolist())
-    solids = _with_area((body, _solid(body, np.array([rgb(colour) for colour in colours]))) for body in scene.bodies)
+    pictures: dict[Material, Image.Image] = {}
+    rgbs = np.array([rgb(colour) for colour in colours])
+    solids = _with_area((body, _solid(body, rgbs, pictures)) for body in scene.bodies)
     share = shown_max / sum(len(solid.faces) for _, solid in solids)
     if share < 1.0:
         solids = _with_area((body, _reduced(solid, max(round(share * len(solid.faces)), 12))) for body, solid in solids)
     rows, arrays = [_vertices(solid) for _, solid in solids], _Arrays()
-    vertices_m, normals, rgbs, swatch = (np.concatenate([row[i] for row in rows]) for i in range(4))
+    vertices_m, normals, rgbs, swatch, picture, uv = (np.concatenate([row[i] for row in rows]) for i in range(6))
     start = np.cumsum([0, *(len(row[0]) for row in rows)])
     low = vertices_m.min(axis=0)
     size = np.maximum(vertices_m.max(axis=0) - low, 1e-9)
@@ -166,9 +184,14 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
         "normal": arrays.add(normals, "i1"),
         "colour": arrays.add(rgbs, "u1"),
         "swatch": arrays.add(np.searchsorted(used, swatch), "u2"),
-        "faces": arrays.add(np.concatenate([row[4] + at for row, at in zip(rows, start[:-1], strict=True)]), "u4"),
+        "pictures": [_jpeg(picture) for picture in pictures.values()],
+        "picture": arrays.add(picture if pictures else picture[:0], "u1"),  # 255 for none
+        "uv": arrays.add(uv if pictures else uv[:0], "f4"),
+        "faces": arrays.add(np.concatenate([row[6] + at for row, at in zip(rows, start[:-1], strict=True)]), "u4"),
         "bodies": bodies,
-        "swatches": [{"plain": i == 0} | _swatch(scene.swatches[i], colours[i], arrays) for i in used.tolist()],
+        "swatches": [
+            {"plain": i == 0} | _swatch(scene.swatches[i], colours[i], diagonal_m, arrays) for i in used.tolist()
+        ],
     }
     return json.dumps(content | {"data": arrays.text()}, allow_nan=False)
 
@@ -197,12 +220,39 @@ def _task(body: str, swatches: list[Swatch]) -> str:
 # --- shape ---
 
 
-def _solid(body: Body, colours: Array) -> _Solid:
-    """Return the triangles of a body, with the colours of its mesh file, or else with the colours of swatches."""
-    cut = cut_faces(body)
-    own_rgb = body.mesh.colour_rgb
-    colour = colours[cut.swatch] if own_rgb is None else own_rgb[cut.face] / 255
-    return _Solid(cut.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3], cut.faces, cut.swatch, colour)
+def _solid(body: Body, colours: Array, pictures: "dict[Material, Image.Image]") -> _Solid:
+    """Return the triangles of a body, with the look of its mesh file, or else with the colours of swatches.
+
+    Pictures of materials are added to `pictures`.
+    """
+    cut, mesh = cut_faces(body), body.mesh
+    colour = colours[cut.swatch] if mesh.colour_rgb is None else mesh.colour_rgb[cut.face] / 255
+    picture, uv = np.full(len(cut.face), -1), np.zeros((len(cut.face), 3, 2))
+    if mesh.uv is not None and mesh.material is not None:
+        for index, material in enumerate(mesh.materials):
+            found = material.textures.get("baseColorTexture")
+            if found is not None and material not in pictures and len(pictures) < PICTURES_MAX:
+                with suppress(Exception):  # PIL raises many classes for damaged pictures
+                    pictures[material] = _coloured(found, material)
+            if material in pictures:
+                picture[mesh.material[cut.face] == index] = list(pictures).index(material)
+        uv = np.nan_to_num(cut.corners(mesh.uv, np.arange(len(cut.face)))) * (1.0, -1.0) + (0.0, 1.0)
+        uv -= np.floor(uv.min(axis=1, keepdims=True))  # pictures repeat; small numbers are exact
+    vertices_m = cut.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+    return _Solid(vertices_m, cut.faces, cut.swatch, colour, picture, uv)
+
+
+def _coloured(picture: "Image.Image", material: Material) -> "Image.Image":
+    """Return the picture of a material, multiplied by its colour."""
+    from PIL import Image
+
+    pixels = np.asarray(picture.convert("RGB").resize((PICTURE_PX, PICTURE_PX)), np.float64)
+    factor = np.clip(material.colour[:3], 0.0, 1.0) ** (1 / 2.2)
+    return Image.fromarray(np.rint(pixels * factor).astype(np.uint8))
+
+
+def _jpeg(picture: "Image.Image") -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(picture_file(picture, "JPEG")[0]).decode()
 
 
 def _vertices(solid: _Solid) -> tuple[Array, ...]:
@@ -210,7 +260,7 @@ def _vertices(solid: _Solid) -> tuple[Array, ...]:
 
     Returns:
         Positions (n, 3) [m], octahedral normals (n, 2) with 127 for 1, colours (n, 3) from 0 to 255, swatches (n,),
-        and the corners of the faces (m, 3).
+        pictures (n,), texture coordinates (n, 2), and the corners of the faces (m, 3).
     """
     normal = corner_normals(Mesh(solid.vertices_m, solid.faces.astype(np.int32)))
     x, y, z = (normal / np.maximum(np.abs(normal).sum(axis=1, keepdims=True), 1e-12)).T
@@ -224,9 +274,13 @@ def _vertices(solid: _Solid) -> tuple[Array, ...]:
     other = np.abs(colour - _means(vertex, len(solid.vertices_m), colour)[vertex]).max(axis=1) > COLOUR_STEP
     kind = np.where(other, 1 + np.rint(7 * colour).astype(np.int64) @ (64, 8, 1), 0)
     key = vertex << 42 | kind << 32 | swatch << 16 | (octahedral[:, 0] + 128) << 8 | octahedral[:, 1] + 128
-    _, first, corners = np.unique(key, return_index=True, return_inverse=True)
+    picture, uv = np.repeat(solid.picture, 3), solid.uv.reshape(-1, 2)
+    _, key = np.unique(key, return_inverse=True)
+    place = np.where(picture < 0, 0, np.unique(np.rint(uv * 4096), axis=0, return_inverse=True)[1].reshape(-1) + 1)
+    _, first, corners = np.unique(key * (place.max() + 1) + place, return_index=True, return_inverse=True)
     rgbs = np.rint(255 * _means(corners, len(first), colour))
-    return solid.vertices_m[vertex[first]], octahedral[first], rgbs, swatch[first], corners.reshape(-1, 3)
+    shown = octahedral[first], rgbs, swatch[first], picture[first] % 256, uv[first]
+    return solid.vertices_m[vertex[first]], *shown, corners.reshape(-1, 3)
 
 
 def _means(group: Array, count: int, values: Array) -> Array:
@@ -265,7 +319,7 @@ def _clustered(solid: _Solid, cells: float) -> _Solid:
     _, first = np.unique(np.sort(faces[kept], axis=1), axis=0, return_index=True)
     kept = kept[first]
     vertices_m = _means(group, int(group.max()) + 1, solid.vertices_m)
-    return _Solid(vertices_m, faces[kept], solid.swatch[kept], solid.colour[kept])
+    return _Solid(vertices_m, faces[kept], *(column[kept] for column in solid[2:]))
 
 
 def _octant(solid: _Solid) -> Array:
@@ -279,7 +333,7 @@ def _octant(solid: _Solid) -> Array:
 # --- feel ---
 
 
-def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Json]:
+def _swatch(swatch: Swatch, colour: str, diagonal_m: float, arrays: _Arrays) -> dict[str, Json]:
     """Return what the page needs of a swatch: see class `Voice` in sound.js."""
     texture, effect, sound = swatch.texture, load_effect("lpc_texture"), swatch_sound(swatch)
     table = np.zeros(0) if effect.table is None else effect.table(swatch, ACCELERATION_RATE_HZ)
@@ -295,15 +349,25 @@ def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Json]:
         "tap": arrays.add(np.trim_zeros(sound.a_m_s2[: sound.start], "b"), "f4"),
         "listen": HEADROOM * sound.gain / FULL_SCALE_M_S2,  # factor from acceleration to sound: texture,
         "knock": HEADROOM / FULL_SCALE_M_S2,  # and taps
-        **_grain(swatch, arrays),
+        **_grain(swatch, diagonal_m, arrays),
     }
 
 
-def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Json]:
-    """Return a periodic relief as slopes (GRAIN_PX, GRAIN_PX, 2), 1 to 255 for ±`STEEPEST`, its size, and the gloss."""
-    slopes, size_m = relief(swatch)
-    h, w = slopes.shape[:2]
-    rows, columns = (np.arange(GRAIN_PX) * n // GRAIN_PX for n in (h, w))
-    small = 128 + np.rint(127 * np.clip(slopes[np.ix_(rows, columns)] / STEEPEST, -1.0, 1.0))
+def _grain(swatch: Swatch, diagonal_m: float, arrays: _Arrays) -> dict[str, Json]:
+    """Return a periodic grain (GRAIN_PX, GRAIN_PX, 3), its size, and the gloss.
+
+    Its bytes are two slopes of the relief, 1 to 255 for ±`STEEPEST`, and a brightness, 128 for that of the colour. It
+    is magnified on large scenes.
+    """
+    from PIL import Image
+
+    grain = grain_of(swatch)
+    slopes = -grain.normal[..., :2] / grain.normal[..., 2:]
+    shade = np.ones((1, 1, 1)) if grain.albedo is None else grain.albedo.mean(axis=2, keepdims=True)
+    shade = np.broadcast_to(shade / max(shade.mean(), 0.05), (*slopes.shape[:2], 1))
+    rows = np.concatenate([127 * np.clip(slopes / STEEPEST, -1.0, 1.0), 128 * np.clip(shade - 1.0, -1.0, 0.99)], axis=2)
+    picture = Image.fromarray((128 + np.rint(rows)).astype(np.uint8))
+    small = picture.resize((GRAIN_PX, GRAIN_PX), Image.Resampling.BOX)
     roughness = (swatch.look or plain_look(swatch)).roughness
-    return {"grain": arrays.add(small, "u1"), "grain_m": size_m, "gloss": 1.0 - roughness}
+    tile_m = grain.tile_m(diagonal_m)
+    return {"grain": arrays.add(np.asarray(small), "u1"), "grain_m": tile_m, "gloss": 1.0 - roughness}

@@ -1,4 +1,4 @@
-"""Export to formats without scenes: OBJ, which keeps swatch names, and STL. World frame, metres."""
+"""Export to formats without scenes: PLY and OBJ, which keep swatch names, and STL. World frame, metres."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,9 +11,11 @@ from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import known_swatch
 from hapscene.io.files import whole_file, write_whole
 from hapscene.scene.body import Body
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.ply import mesh_to_ply
 from hapscene.scene.scene import Scene
 
-__all__ = ["read_named", "write_obj", "write_stl"]
+__all__ = ["read_named", "write_obj", "write_ply", "write_stl"]
 
 
 def write_obj(scene: Scene, path: Path) -> list[Path]:
@@ -53,6 +55,27 @@ def _obj_lines(scene: Scene) -> Iterator[str]:
 def _line(name: str) -> str:
     """Return a name for an OBJ line, in which a backslash would continue the line."""
     return name.replace("\\", "_")
+
+
+def write_ply(scene: Scene, path: Path) -> list[Path]:
+    """Write a scene as one binary PLY: faces with the number and the colour of their swatch, whose names are comments.
+
+    Raises:
+        SceneError: the file cannot be written.
+    """
+    cut = [cut_faces(body) for body in scene.bodies]
+    start = np.cumsum([0, *(len(one.vertices_m) for one in cut)])
+    swatch = np.concatenate([one.swatch for one in cut]).astype(np.int16)
+    colours = np.rint(255 * np.array([swatch.albedo_rgb for swatch in scene.swatches])).astype(np.uint8)
+    mesh = Mesh(
+        np.concatenate([_world(body, one.vertices_m) for body, one in zip(scene.bodies, cut, strict=True)]),
+        np.concatenate([one.faces + at for one, at in zip(cut, start[:-1], strict=True)]).astype(np.int32),
+        swatch,
+        tuple(swatch.name for swatch in scene.swatches),
+        colours[swatch],
+    )
+    write_whole(path, mesh_to_ply(mesh), SceneError)
+    return [path]
 
 
 def write_stl(scene: Scene, path: Path) -> list[Path]:

@@ -1,6 +1,4 @@
-from .picture import write_film as write_film
 from .picture import write_picture as write_picture
 from .plot import draw_plot as draw_plot
 from .plot import write_plot as write_plot
 from .sound import write_sound as write_sound
-from .window import play_in_window as play_in_window

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from hapscene.scene.fine_paint import swatches_of
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import unit
+from hapscene.swatches.picture import plain_look
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import distinct_colours, rgb
-from hapscene.view.triangles import Triangles, joined, linear_rgb
+from hapscene.view.triangles import GAMMA, Triangles, joined
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -58,7 +59,7 @@ def _body_solids(scene: "Scene", body: "Body", colours: NDArray[np.float64], sho
             return
     layer = feel_layer(body, normal, "materials" if over else "nothing")
     share = layer.weight[:, None]
-    colour = linear_rgb((1 - share) * colours[layer.swatch] + share * colours[layer.other])
+    colour = ((1 - share) * colours[layer.swatch] + share * colours[layer.other]) ** GAMMA
     for swatch in np.unique(layer.swatch):
         rows, grain = layer.swatch == swatch, grain_of(scene.swatches[swatch])
         corner_m, shown = layer.corner_m[rows], colour[rows] * (1.0 if grain.flat else grain.gain)
@@ -68,7 +69,8 @@ def _body_solids(scene: "Scene", body: "Body", colours: NDArray[np.float64], sho
             yield placed(corner_m, layer.normal[rows], shown)
         else:
             tiles = box_uv(corner_m, grain.tile_m(mesh.diagonal_m))[0].reshape(-1, 2)
-            yield placed(corner_m, layer.normal[rows], shown, tiles, grain.pattern)
+            roughness = (scene.swatches[swatch].look or plain_look(scene.swatches[swatch])).roughness
+            yield placed(corner_m, layer.normal[rows], shown, tiles, grain.pattern)._replace(roughness=roughness)
 
 
 def _looks(mesh: Mesh) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.uint8] | None]]:
@@ -78,7 +80,7 @@ def _looks(mesh: Mesh) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64],
     texture = [None if mesh.uv is None else one.textures.get("baseColorTexture") for one in mesh.materials] + [None]
     bare = np.array([picture is None for picture in texture])[material]
     if bare.any():
-        yield np.flatnonzero(bare), linear_rgb(mesh.colour_rgb[bare] / 255), None
+        yield np.flatnonzero(bare), (mesh.colour_rgb[bare] / 255) ** GAMMA, None
     for index, picture in enumerate(texture):
         rows = np.flatnonzero(material == index)
         if picture is not None and len(rows):

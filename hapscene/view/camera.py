@@ -19,8 +19,8 @@ Extent = tuple[float, float, float]
 
 def orbit(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
     """Return the rotations R_SC (3, 3) of a camera that is turned about z by each of these angles."""
-    R = facing(np.array(VIEW_FROM), (0.0, 0.0, 1.0))
-    return [_about_z(angle) @ R for angle in turns_rad]
+    (x, y, z), c, s = VIEW_FROM, np.cos(turns_rad), np.sin(turns_rad)
+    return [facing(back, (0.0, 0.0, 1.0)) for back in np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=1)]
 
 
 def visible_size(points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
@@ -68,8 +68,3 @@ def pose_of(R: NDArray[np.float64], p_m: ArrayLike = 0.0) -> NDArray[np.float64]
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = R, p_m
     return X
-
-
-def _about_z(angle_rad: float) -> NDArray[np.float64]:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

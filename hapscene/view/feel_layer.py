@@ -27,8 +27,8 @@ Show = Literal["look", "feel", "both"]
 
 SHOWS: Final[tuple[Show, ...]] = ("look", "feel", "both")
 
-OPACITY: Final = 0.6
-"""Opacity of the feel over the look [1]: both can be recognised."""
+OPACITY: Final = 0.75
+"""Opacity of the feel over the look [1], as in an exported page: both can be recognised."""
 
 RAISED: Final = 3e-4
 """Height of the feel above the surface, in diagonals of the body [1]: a depth buffer can still resolve it from afar."""
@@ -36,6 +36,9 @@ RAISED: Final = 3e-4
 TILES_MAX: Final = 24
 """Maximum number of repetitions of a grain along the diagonal of a body [1]; on larger bodies it is magnified, since it
 would be finer than a pixel."""
+
+CONTRAST: Final = 0.5
+"""Contrast of a shaded relief, relative to that in low light [1]: a relief does not hide the shape of its body."""
 
 SHADE: Final = (0.45, 1.5)
 """Range of the brightness of a shaded grain, relative to a flat surface [1]."""
@@ -49,25 +52,16 @@ class Grain(NamedTuple):
         albedo: colours (h, w, 3), sRGB from 0 to 1; None for the colour of the swatch.
         normal: unit normals (h, w, 3): x right, y up, z outwards.
         size_m: side of the square that it shows [m].
+        pattern: picture (h, w, 3), sRGB, of the deviations from the mean colour.
+        gain: factor of colours that `pattern` multiplies [1]; it keeps their mean.
     """
 
     shade: NDArray[np.float64]
     albedo: NDArray[np.float64] | None
     normal: NDArray[np.float64]
     size_m: float
-
-    @property
-    def gain(self) -> float:
-        """Factor of colours that `pattern` multiplies [1]; it keeps their mean."""
-        return float(1.0 / (self.pattern / 255.0).astype(np.float64).mean() ** 2.2)
-
-    @property
-    def pattern(self) -> NDArray[np.uint8]:
-        """Picture (h, w, 3), sRGB, of the deviations from the mean colour."""
-        pixels = np.broadcast_to(self.shade[..., None], (*self.shade.shape, 3))
-        if self.albedo is not None:
-            pixels = pixels * self.albedo / np.maximum(self.albedo.mean(axis=(0, 1)), 0.05)
-        return np.asarray(np.rint(255 * np.clip(pixels / SHADE[1], 0.0, 1.0)), np.uint8)
+    pattern: NDArray[np.uint8]
+    gain: float
 
     @property
     def flat(self) -> bool:
@@ -84,14 +78,21 @@ class Grain(NamedTuple):
 def grain_of(swatch: "Swatch") -> Grain:
     """Return the grain of a swatch from the pictures of its look, or from the spectrum of its texture."""
     slopes, size_m = relief(swatch)
+    albedo = None if swatch.look is None else swatch.look.albedo()
+    if swatch.look is not None and albedo is not None:  # the relief repeats in the picture
+        rows, columns = (
+            (np.arange(n) * (swatch.look.size_m / size_m / n) % 1.0 * m).astype(np.int64)
+            for n, m in zip(albedo.shape[:2], slopes.shape[:2], strict=True)
+        )
+        slopes, size_m = slopes[np.ix_(rows, columns)], swatch.look.size_m
     normal = np.concatenate([-slopes, np.ones((*slopes.shape[:2], 1))], axis=2)
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    shade = np.clip(normal @ LIGHT / LIGHT[2], *SHADE)
-    albedo = None if swatch.look is None else swatch.look.albedo()
-    if swatch.look is not None and albedo is not None:
-        size_m = swatch.look.size_m
-        shade = shade if shade.shape == albedo.shape[:2] else np.ones((1, 1))
-    return Grain(shade, albedo, normal, size_m)
+    shade = np.clip(1.0 + CONTRAST * (normal @ LIGHT / LIGHT[2] - 1.0), *SHADE)
+    tint = 1.0 if albedo is None else albedo / np.maximum(albedo.mean(axis=(0, 1)), 0.05)
+    pixels = np.broadcast_to(shade[..., None] * tint / SHADE[1], (*shade.shape, 3))
+    pattern = np.rint(255 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
+    gain = float(255.0 / max(pattern.mean(), 1.0)) ** 2.2
+    return Grain(shade, albedo, normal, size_m, pattern, gain)
 
 
 def has_look(body: "Body") -> bool:

@@ -103,7 +103,7 @@ class FigureParts:
         head_m = min(whole_m, length_m)
         R, thin, start_m = facing(f_N), head_m / whole_m, self.p_SP_m[tick]
         shaft = pose_of(R @ np.diag([thin, thin, max(length_m - head_m, head_m * 1e-3)]), start_m)
-        head = pose_of(R @ np.diag([thin, thin, head_m]), start_m + _unit(f_N) * (length_m - head_m))
+        head = pose_of(R @ np.diag([thin, thin, head_m]), start_m + f_N / np.linalg.norm(f_N) * (length_m - head_m))
         return [(SHAFT, shaft), (HEAD, head)]
 
 
@@ -197,7 +197,3 @@ def _props(size_m: float, theme: Theme) -> list[Triangles]:
         lathe([(0.016 * arrow_m, 0.0), (0.016 * arrow_m, 1.0)], FORCE),
         lathe([(0.0, 0.0), (0.05 * arrow_m, 1e-3), (0.0, 1.0)], FORCE),
     ]
-
-
-def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(vector / np.linalg.norm(vector))

@@ -1,7 +1,7 @@
-"""Rendering of frames and of the window with pyrender. No other module imports pyrender."""
+"""Rendering of frames with pyrender. No other module imports pyrender."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
@@ -9,26 +9,23 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.camera import facing, orbit, pose_of
-from hapscene.view.palette import Theme, rgb
+from hapscene.view.camera import facing, fit_cameras, pose_of
+from hapscene.view.palette import rgb
+from hapscene.view.shadows import SUN, ZENITH, DepthPicture, Shadows
 from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
 
-__all__ = ["render", "watch", "without_viewer"]
+__all__ = ["render", "without_viewer"]
 
 AMBIENT: Final = (0.32, 0.32, 0.32)
 """Ambient light."""
 
-LIGHTS: Final = (((-0.5, 0.8, 1.0), 2.2), ((1.0, 0.1, 0.6), 0.9))
-"""Directional lights that are fixed to the camera: direction to the light in the camera frame, and intensity."""
+SUN_INTENSITY: Final = 2.4
 
-CAPTION_PT: Final = 18
-"""Text size of the window [pixels]."""
+FILL: Final = ((1.0, 0.1, 0.6), 0.7)
+"""Second light, which is fixed to the camera: direction to the light in the camera frame, and intensity."""
 
-WINDOW_PX: Final = (1000, 750)
-"""Size of the window [pixels]."""
-
-VIEW_RAD: Final = np.radians(30.0)
-"""Vertical field of view of the window [rad]: little distortion, but still perspective."""
+NEAR: Final = 1e-4
+"""Nearest visible depth of an orthographic camera, relative to the farthest [1]."""
 
 
 def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
@@ -41,13 +38,12 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
 
     pyrender = without_viewer()
     scene = _empty(pyrender, drawing.background)
-    x_m, y_m, far_m = drawing.extent_m
-    camera = scene.add(pyrender.OrthographicCamera(x_m, y_m, znear=far_m * 1e-4, zfar=far_m))
-    lights = []
-    for direction_C, strength in LIGHTS:  # a pyrender light shines along its −z axis
-        light = scene.add(pyrender.DirectionalLight(color=np.ones(3), intensity=strength))
-        lights.append((light, pose_of(facing(np.array(direction_C), (0.0, 1.0, 0.0)))))
+    x_m, _, far_m = drawing.extent_m
+    camera = scene.add(_camera(pyrender, drawing.extent_m))
+    scene.add(pyrender.DirectionalLight(np.ones(3), SUN_INTENSITY), pose=_toward(SUN))
+    fill = scene.add(pyrender.DirectionalLight(np.ones(3), FILL[1]))
     renderer = pyrender.OffscreenRenderer(*(n * drawing.oversampling for n in drawing.size))
+    shadows = _shadows(pyrender, drawing)
     seen: Shown | None = None
     nodes: list[Any] = []
     for frame in drawing.frames:
@@ -59,10 +55,57 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
             for node in nodes:
                 scene.remove_node(node)
             nodes = [scene.add(_mesh(pyrender, solid)) for solid in solids if len(solid.corner_m)]
-        for fixed, X_CL in ((camera, np.eye(4)), *lights):
-            scene.set_pose(fixed, frame.X_SC @ X_CL)
-        pixels, _ = renderer.render(scene)
-        yield np.asarray(Image.fromarray(np.ascontiguousarray(pixels[..., :3])).reduce(drawing.oversampling))
+        scene.set_pose(camera, frame.X_SC)
+        scene.set_pose(fill, frame.X_SC @ _toward(FILL[0]))
+        pixels, depth = renderer.render(scene)
+        n = drawing.oversampling
+        small = np.asarray(Image.fromarray(np.ascontiguousarray(pixels[..., :3])).reduce(n))
+        if shadows is not None:
+            far = (
+                _distance(depth, far_m).reshape(len(small), n, -1, n).max(axis=(1, 3))
+            )  # the ground at edges of bodies
+            small = shadows.cast(small, far, frame.X_SC, 2 * x_m / small.shape[1])
+        yield small
+
+
+def _shadows(pyrender: ModuleType, drawing: Drawing) -> Shadows | None:
+    """Draw the depth of the parts that cast shadows, as seen from the sun and from the zenith."""
+    parts = [drawing.parts[part] for part in drawing.casters]
+    corner_m = np.concatenate([part.corner_m for part in parts]) if parts else np.zeros((0, 3))
+    if not len(corner_m):
+        return None
+    solid = joined([part._replace(colour=part.normal) for part in parts])
+    scene = _empty(pyrender, drawing.background)
+    scene.add(_mesh(pyrender, solid))
+    renderer, found = pyrender.OffscreenRenderer(*drawing.size), list[DepthPicture]()
+    for direction in (SUN, ZENITH):
+        (X_SC,), extent_m, pixel_m = fit_cameras(corner_m, [_toward(direction)[:3, :3]], drawing.size)
+        node = scene.add(_camera(pyrender, extent_m), pose=X_SC)
+        depth = renderer.render(scene, pyrender.RenderFlags.DEPTH_ONLY)
+        found.append(DepthPicture(_distance(depth, extent_m[2]), X_SC, pixel_m))
+        scene.remove_node(node)
+    low_m, high_m = corner_m.min(axis=0), corner_m.max(axis=0)
+    return Shadows(found[0], found[1], float(low_m[2]), float(np.linalg.norm(high_m - low_m)))
+
+
+def _toward(direction: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Return the pose of a light or a camera in this direction, which looks along its −z axis."""
+    return pose_of(facing(np.array(direction), (0.0, 1.0, 0.0)))
+
+
+def _camera(pyrender: ModuleType, extent_m: tuple[float, float, float]) -> Any:
+    x_m, y_m, far_m = extent_m
+    return pyrender.OrthographicCamera(x_m, y_m, znear=far_m * NEAR, zfar=far_m)
+
+
+def _distance(depth: NDArray[np.float32], far_m: float) -> NDArray[np.float32]:
+    """Return the depth seen by `_camera` [m], infinite without a surface.
+
+    pyrender converts the depth as if the camera had a perspective; this is converted back.
+    """
+    with np.errstate(divide="ignore"):
+        share = (1 + NEAR - 2 * NEAR * far_m / depth) / (1 - NEAR)
+    return np.where(depth > 0, far_m * (NEAR + (share + 1) / 2 * (1 - NEAR)), np.inf).astype(np.float32)
 
 
 def without_viewer() -> ModuleType:
@@ -71,67 +114,6 @@ def without_viewer() -> ModuleType:
     stub.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault("pyrender.viewer", stub)
     return import_module("pyrender")
-
-
-def watch(
-    parts: Sequence[Triangles],
-    points_m: NDArray[np.float64],
-    title: str,
-    theme: Theme,
-    now: Callable[[], tuple[Shown, str]],
-) -> None:
-    """Open a window and return when it is closed.
-
-    Args:
-        parts: parts that can be shown.
-        points_m: points that must be visible (k, 3) [m].
-        title: title of the window.
-        theme: colours of background and text.
-        now: returns the visible parts of the next frame and its caption.
-    """
-    import pyrender
-
-    scene = _empty(pyrender, theme.background)
-    nodes = [scene.add(_mesh(pyrender, part)) if len(part.corner_m) else None for part in parts]
-    (R_SC,) = orbit([0.0])
-    distance_m = 0.85 * float(np.linalg.norm(points_m, axis=1).max()) / np.sin(VIEW_RAD / 2)
-    camera = pyrender.PerspectiveCamera(VIEW_RAD, znear=distance_m * 1e-2, zfar=10.0 * distance_m)
-    scene.add(camera, pose=pose_of(R_SC, R_SC[:, 2] * distance_m))
-
-    class Window(pyrender.Viewer):  # type: ignore[misc]
-        due = False
-
-        def draw(self, dt: float) -> None:
-            """Called by the event loop of pyglet for each frame that is shown."""
-            self.due = True
-            super().draw(dt)
-
-        def on_draw(self) -> None:
-            if not self.due or self._renderer is None:
-                return  # pyrender's timer also requests frames, which would not be shown
-            self.due = False
-            shown, line = now()
-            _arrange(scene, nodes, shown)
-            text = line.encode("ascii", "replace").decode()  # pyrender has only ASCII glyphs
-            ink = np.append(rgb(theme.ink), 1.0)
-            style = {"font_name": "OpenSans-Regular", "font_pt": CAPTION_PT, "color": ink, "scale": 1.0}
-            where = pyrender.constants.TextAlign.BOTTOM_LEFT
-            self.viewer_flags["caption"] = [{"text": text, "location": where, **style}]
-            super().on_draw()
-
-    window = Window(
-        scene,
-        viewport_size=WINDOW_PX,
-        auto_start=False,
-        use_raymond_lighting=True,
-        cull_faces=False,
-        window_title=title,
-        view_center=np.zeros(3),
-    )
-    try:
-        window.start()
-    except KeyboardInterrupt:
-        window.on_close()
 
 
 def _empty(pyrender: ModuleType, background: str) -> Any:
@@ -154,17 +136,8 @@ def _mesh(pyrender: ModuleType, solid: Triangles) -> Any:
         color_0=solid.colour.astype(np.float32),
         texcoord_0=None if solid.uv is None else solid.uv.astype(np.float32),
         mode=4,
-        material=pyrender.MetallicRoughnessMaterial(metallicFactor=0.0, roughnessFactor=0.85, doubleSided=True, **look),
+        material=pyrender.MetallicRoughnessMaterial(
+            metallicFactor=0.0, roughnessFactor=solid.roughness, doubleSided=True, **look
+        ),
     )
     return pyrender.Mesh([primitive])
-
-
-def _arrange(scene: Any, nodes: Sequence[Any], shown: Shown) -> None:
-    """Show exactly these parts at their poses."""
-    poses = dict(shown)
-    for index, node in enumerate(nodes):
-        if node is None:
-            continue
-        node.mesh.is_visible = index in poses
-        if index in poses and not np.array_equal(node.matrix, poses[index]):
-            scene.set_pose(node, poses[index])

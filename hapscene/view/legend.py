@@ -41,7 +41,7 @@ def entries_of(scene: "Scene", theme: Theme, path: bool = False, tool: bool = Fa
     colours = distinct_colours(scene.swatches, used)
     names = [swatch.name for swatch in scene.swatches]
     if any(body.mesh.colour_rgb is not None for body in scene.bodies):
-        names[0] += " (colours of the mesh file)"
+        names[0] += " (look of the file)"
     names = [name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + "…" for name in names]
     entries = [LegendEntry(names[i], colours[i]) for i in used]
     if tool:

@@ -4,6 +4,7 @@ A process can load only one GL platform, so each platform needs a separate proce
 the main process. The child reads a pickled `Drawing` from standard input and writes pixels to standard output.
 """
 
+import gc
 import os
 import pickle
 import subprocess
@@ -24,16 +25,13 @@ from hapscene.io.confined import import_path
 if TYPE_CHECKING:
     from hapscene.view.triangles import Drawing
 
-__all__ = ["draw", "last_line", "platforms", "started_ahead"]
+__all__ = ["draw", "platforms", "started_ahead"]
 
 LINE_MAX: Final = 160
 """Maximum length of a reason in an error [characters]."""
 
-PLATFORMS: Final = {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"}
-"""GL platforms without a screen, and the system packages that they need."""
-
-LIBRARIES: Final = {"osmesa": ("OSMesa",), "egl": ("EGL", "GL")}
-"""Libraries in these packages."""
+PLATFORMS: Final = {"osmesa": ("libosmesa6", ("OSMesa",)), "egl": ("libegl1 libgl1", ("EGL", "GL"))}
+"""GL platforms without a screen: the system packages that they need, and the libraries in these packages."""
 
 TIMEOUT_S: Final = 120.0
 """Maximum time for one frame [s]. The first frame takes longest: 6 s for a million triangles."""
@@ -56,15 +54,8 @@ class _DrawingFailed(Exception):
 
 
 @contextmanager
-def started_ahead(wanted: bool = True) -> Iterator[None]:
-    """Context manager: start the process of the next `draw` early, so that it imports GL while other work is done.
-
-    Args:
-        wanted: if False, nothing is started.
-    """
-    if not wanted:
-        yield
-        return
+def started_ahead() -> Iterator[None]:
+    """Context manager: start the process of the next `draw` early, so that it imports GL while other work is done."""
     platform = platforms()[0]
     with _started(platform) as process:
         _ahead[platform] = process
@@ -117,7 +108,7 @@ def draw(drawing: "Drawing") -> Iterator[NDArray[np.uint8]]:
         except _DrawingFailed as reason:
             if drawn:
                 raise ViewError(f"rendering with {platform} failed after the first frame: {reason}") from None
-            failures.append(f"{platform} ({reason}) needs {PLATFORMS[platform]}")
+            failures.append(f"{platform} ({reason}) needs {PLATFORMS[platform][0]}")
     raise ViewError("no OpenGL platform works; install one of these system packages: " + "; ".join(failures))
 
 
@@ -151,15 +142,11 @@ def _draw_batch(platform: str, drawing: "Drawing") -> NDArray[np.uint8]:
             raise _DrawingFailed(f"took longer than {TIMEOUT_S:g} s a frame") from None
     if len(pixels) < len(drawing.frames) * height * width * 3:
         # PyOpenGL's message about a missing library does not name the library
-        installed = all(map(find_library, LIBRARIES[platform]))
-        raise _DrawingFailed(last_line(complaint, process.returncode) if installed else "not installed")
+        installed = all(map(find_library, PLATFORMS[platform][1]))
+        lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
+        last = lines[-1][:LINE_MAX] if lines else f"ended with code {process.returncode}"
+        raise _DrawingFailed(last if installed else "not installed")
     return np.frombuffer(pixels, np.uint8).reshape(-1, height, width, 3)
-
-
-def last_line(complaint: bytes, code: int) -> str:
-    """Return the last line of the error output of a process, else its exit code."""
-    lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
-    return lines[-1][:LINE_MAX] if lines else f"ended with code {code}"
 
 
 def _main() -> None:
@@ -170,9 +157,11 @@ def _main() -> None:
         os.dup2(2, 1)  # keeps output of a driver out of the pixels
         sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]  # None blocks the import
         without_viewer()
+        gc.freeze()  # pyrender collects garbage each time it frees a buffer
         for pixels in render(pickle.load(sys.stdin.buffer)):
             out.write(pixels.tobytes())
             out.flush()
+    os._exit(0)  # taking GL down takes longer than a small drawing
 
 
 if __name__ == "__main__":

@@ -27,7 +27,6 @@ __all__ = [
     "distinct_colours",
     "linear",
     "rgb",
-    "swatch_colours",
 ]
 
 OKABE_ITO: Final = {
@@ -95,12 +94,6 @@ class Theme:
 
 LIGHT: Final = Theme(background="#F2F5F9", page="#FFFFFF", ink=INK, tool="#3F4650")
 DARK: Final = Theme(background="#1D2127", page="#0D1117", ink="#E6E9ED", tool="#D5DAE1")
-
-
-def swatch_colours(count: int) -> list[str]:
-    """Return a colour for each of `count` swatches: grey for the first, which is plain, then a palette."""
-    names = ("orange", "sky", "green", "vermilion", "yellow", "blue")
-    return ["#BBBBBB", *(OKABE_ITO[names[i % len(names)]] for i in range(count - 1))][:count]
 
 
 def albedo_colours(swatches: Sequence["Swatch"]) -> list[str]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.render.recording import Recording
 from hapscene.view.chart import new_chart, save_chart
-from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
+from hapscene.view.palette import INK, OKABE_ITO, SHADE
 
 __all__ = ["STYLE", "draw_hand_plot", "draw_plot", "envelope", "write_hand_plot", "write_plot"]
 
@@ -63,7 +63,7 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         swatch_count = len(np.unique(recording.swatch[recording.swatch >= 0]))
         axes = _rows(figure, (0.4, 3, 2, 2, 2.6), legend_rows=-(-swatch_count // LEGEND_COLUMNS))
-        _draw_swatches(axes[0], recording, colours or swatch_colours(len(recording.swatch_names)))
+        _draw_swatches(axes[0], recording, colours or [*OKABE_ITO.values()] * len(recording.swatch_names))
         _draw_force(axes[1], recording)
         _draw_depth(axes[2], recording)
         _draw_acceleration(axes[3], recording)

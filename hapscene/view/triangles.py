@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hapscene.view.palette import rgb
 
 __all__ = [
+    "GAMMA",
     "NOTHING",
     "Drawing",
     "Frame",
@@ -21,12 +22,12 @@ __all__ = [
     "Triangles",
     "joined",
     "lathe",
-    "linear_rgb",
     "moved",
     "same",
     "tube",
 ]
 
+GAMMA: Final = 2.2  # exponent with which pyrender converts linear colours to those of a screen
 TUBE_SIDES: Final = 8
 TUBE_RINGS_MAX: Final = 3000
 
@@ -38,7 +39,7 @@ class Triangles(NamedTuple):
     """k triangles in the world frame, by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64.
 
     The colour may have an opacity as fourth channel. With a picture (h, w, 3 or 4) uint8, sRGB, which repeats, `uv` has
-    texture coordinates (3 k, 2), v upward, and the picture multiplies the colour.
+    texture coordinates (3 k, 2), v upward, and the picture multiplies the colour. The roughness is 0 for a mirror to 1.
     """
 
     corner_m: NDArray[np.float64]
@@ -46,6 +47,7 @@ class Triangles(NamedTuple):
     colour: NDArray[np.float64]
     uv: NDArray[np.float64] | None = None
     picture: NDArray[np.uint8] | None = None
+    roughness: float = 0.85
 
     @property
     def simple(self) -> bool:
@@ -55,7 +57,8 @@ class Triangles(NamedTuple):
     def in_float32(self) -> "Triangles":
         """Return the triangles in float32, the precision of GL, which halves the data for the child process."""
         uv = None if self.uv is None else self.uv.astype(np.float32)
-        return Triangles(*(values.astype(np.float32) for values in self[:3]), uv, self.picture)  # type: ignore[call-arg, arg-type]
+        corner_m, normal, colour = (values.astype(np.float32) for values in self[:3])
+        return self._replace(corner_m=corner_m, normal=normal, colour=colour, uv=uv)  # type: ignore[arg-type]
 
 
 NOTHING: Final = Triangles(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -65,7 +68,8 @@ def joined(solids: list[Triangles]) -> Triangles:
     """Concatenate simple triangles."""
     if not solids:
         return NOTHING
-    return Triangles(*(np.concatenate(values) for values in zip(*(solid[:3] for solid in solids), strict=True)))
+    corner_m, normal, colour = (np.concatenate([solid[k] for solid in solids]) for k in range(3))
+    return Triangles(corner_m, normal, colour)
 
 
 def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
@@ -91,7 +95,7 @@ def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:
         corner_m.append(np.stack([at[k : k + LATHE_SIDES] for at, k in quads], axis=1).reshape(-1, 3))
         normal.append(np.stack([side[k : k + LATHE_SIDES] for _, k in quads], axis=1).reshape(-1, 3))
     corners_m = np.concatenate(corner_m)
-    return Triangles(corners_m, np.concatenate(normal), np.tile(linear_rgb(rgb(colour)), (len(corners_m), 1)))
+    return Triangles(corners_m, np.concatenate(normal), np.tile(rgb(colour) ** GAMMA, (len(corners_m), 1)))
 
 
 def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles:
@@ -110,7 +114,7 @@ def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles
     quads = np.stack((a, b, b + TUBE_SIDES, a, b + TUBE_SIDES, a + TUBE_SIDES), axis=-1).ravel()
     normal = out.reshape(-1, 3)
     corner_m = (line_m[:, None] + radius_m * out).reshape(-1, 3)
-    return Triangles(corner_m[quads], normal[quads], np.tile(linear_rgb(rgb(colour)), (len(quads), 1)))
+    return Triangles(corner_m[quads], normal[quads], np.tile(rgb(colour) ** GAMMA, (len(quads), 1)))
 
 
 def _spaced(line_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
@@ -135,11 +139,6 @@ def _sides(along: NDArray[np.float64]) -> NDArray[np.float64]:
             length = np.linalg.norm(last)
         last = side[i] = last / length
     return side
-
-
-def linear_rgb(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert sRGB from 0 to 1 to linear values with the exponent of pyrender."""
-    return np.asarray(srgb**2.2)
 
 
 Shown = list[tuple[int, NDArray[np.float64]]]
@@ -170,6 +169,8 @@ class Drawing:
     """Background colour, "#rrggbb"."""
     oversampling: int
     """Rendered pixels per pixel of `size`, along each side."""
+    casters: Sequence[int] = ()
+    """Indices of the parts that cast shadows."""
 
 
 def same(a: Shown, b: Shown) -> bool:

@@ -68,10 +68,8 @@ def test_a_missing_file_suggests_a_similar_name(
         check_there("bunny.ply", "folder")
 
 
-def test_a_painted_ply_stores_its_unit(tmp_path: Path) -> None:
-    (tmp_path / "a.ply").write_text("ply\nformat ascii 1.0\ncomment hapscene scene 1\n")
+def test_a_ply_needs_a_unit(tmp_path: Path) -> None:
     (tmp_path / "b.PLY").write_text("ply\nformat ascii 1.0\ncomment made elsewhere\n")
-    check_scene(str(tmp_path / "a.ply"))
     with pytest.raises(MeshError, match="--unit"):
         check_scene(str(tmp_path / "b.PLY"))
     check_scene(str(tmp_path / "b.PLY"), MeshOptions(unit="inch"))

@@ -1,4 +1,4 @@
-"""`hapscene view`, and `hapscene touch --view`."""
+"""`hapscene view`."""
 
 from pathlib import Path
 
@@ -8,9 +8,6 @@ import trimesh
 from PIL import Image
 
 from hapscene.cli import main
-from hapscene.render.recording import Recording
-from hapscene.scene.scene import Scene
-from hapscene.view.palette import DARK, Theme
 
 
 @pytest.fixture
@@ -29,7 +26,7 @@ def test_size(tmp_path: Path, plate: str, capsys: pytest.CaptureFixture[str]) ->
     with Image.open(out) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
     assert pixels.shape == (240, 300, 3) and pixels[0, 0].max() < 50
-    assert ((pixels[..., 0] > 150) & (pixels[..., 2] < 60)).mean() > 0.1  # wood
+    assert (pixels[..., 0] > pixels[..., 2] + 50).mean() > 0.1  # wood
 
 
 @pytest.mark.parametrize(
@@ -53,32 +50,6 @@ def test_errors_are_one_line(plate: str, arguments: list[str], error: str, capsy
 def test_numbers_out_of_range(plate: str, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", plate, "--unit", "m", "--out", "a.gif", *words]) == 2
     assert words[0] in capsys.readouterr().err
-
-
-def test_touch_in_a_window(tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[Recording] = []
-    themes: list[Theme] = []
-    monkeypatch.setenv("DISPLAY", ":0")
-
-    def play(scene: Scene, recording: Recording, title: str, theme: Theme) -> None:
-        shown.append(recording)
-        themes.append(theme)
-
-    monkeypatch.setattr("hapscene.view.window.play_in_window", play)
-    out = str(tmp_path / "out")
-    assert main(["touch", plate, "--unit", "m", "--out", out, "--no-picture", "--view", "--dark"]) == 0
-    assert themes == [DARK]
-    assert np.array_equal(shown[0].p_WT_m, Recording.load(tmp_path / "out" / "touch.npz").p_WT_m)
-
-
-def test_a_missing_display_is_an_error_before_the_work(
-    tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    assert main(["touch", plate, "--unit", "m", "--out", str(tmp_path / "out"), "--view"]) == 2
-    assert "DISPLAY" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("command", ["view", "check"])

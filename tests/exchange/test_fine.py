@@ -130,7 +130,7 @@ def test_ply_and_obj_have_cut_faces(suffix: str, fine: Scene, tmp_path: Path) ->
     back = import_scene(tmp_path / f"a.{suffix}", "m")
     X_WB = fine.bodies[0].X_WB
     points = surface_points(fine)[:100]
-    moved = points if suffix == "ply" else points @ X_WB[:3, :3].T + X_WB[:3, 3]
+    moved = points @ X_WB[:3, :3].T + X_WB[:3, 3]
     same = [a[0] == b[0] for a, b in zip(paint_names(back, 0, moved), paint_names(fine, 0, points), strict=True)]
     assert all(same)
 

@@ -48,7 +48,7 @@ def content_of(page: str) -> dict[str, Any]:
     def expand(value: Any) -> Any:
         if isinstance(value, dict):
             return {key: expand(item) for key, item in value.items()}
-        if isinstance(value, list) and value and isinstance(value[0], str):
+        if isinstance(value, list) and len(value) == 3 and value[0] in ("u1", "i1", "u2", "u4", "f4"):
             return np.frombuffer(block, "<" + value[0], value[2], value[1])
         return [expand(item) for item in value] if isinstance(value, list) else value
 

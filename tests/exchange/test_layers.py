@@ -3,6 +3,7 @@
 trimesh reads the files, and areas and distances are those of circles.
 """
 
+import base64
 import io
 import json
 import re
@@ -18,10 +19,12 @@ from PIL import Image
 from hapscene.errors import SceneError
 from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.cut_faces import cut_faces
+from hapscene.exchange.html_page import html_page
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import save_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene, load_scene
+from tests.exchange.test_html_page import content_of
 
 RADIUS_M = 0.025
 RESOLUTION_M = 5e-4
@@ -253,3 +256,16 @@ def test_body_without_look_wears_its_swatch(tmp_path: Path) -> None:
         np.roll(parts["wood"].triangles, 1, axis=1) - parts["wood"].triangles, axis=2
     )
     assert side.max() * 0.012 < 1.0 + 1e-5  # a tile shows 12 mm; the projection never magnifies
+
+
+def test_page_has_the_texture(disc: Scene) -> None:
+    content = content_of(html_page(disc, "truck"))
+    (picture,) = content["pictures"]
+    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture.partition(",")[2]))))
+    own = np.asarray(disc.bodies[0].mesh.materials[0].textures["baseColorTexture"])
+    np.testing.assert_allclose(pixels.mean(axis=(0, 1)), own.mean(axis=(0, 1)) * (0.8 ** (1 / 2.2), 1, 1), atol=4)
+    assert (content["picture"] == 0).all()
+    corners = content["uv"].reshape(-1, 2)[content["faces"].reshape(-1, 3)].astype(np.float64)
+    ahead, back = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(ahead[:, 0] * back[:, 1] - ahead[:, 1] * back[:, 0]).sum() / 2
+    assert area == pytest.approx(2 * (12 * 8 + 8 * 6 + 12 * 6) / 12**2, rel=1e-4)  # of the sides of the box

@@ -94,4 +94,4 @@ def test_grain_is_sent_once() -> None:
         trimesh.util.wrap_as_stream(server.named["/grain/1"].glb), file_type="glb"
     ).geometry.values()
     assert np.asarray(texture.visual.material.baseColorTexture).std() > 5
-    assert view.grain["tiles"] == {0: {1: 0.012}} and view.grain["gains"][1] > 1.0
+    assert view.grain["tiles"] == {0: {1: 0.036}} and view.grain["gains"][1] > 1.0

@@ -69,3 +69,17 @@ def test_its_own_pictures_are_worn() -> None:
     tilted = np.full((4, 4, 3), (20, 127, 180), np.uint8)  # leans to the left, to the light
     plain = Swatch("x", look=Look(0.9))
     assert pixels(replace(plain, look=Look(0.9, normal_png=png(tilted))))[36, 50].sum() > pixels(plain)[36, 50].sum()
+
+
+@pytest.mark.parametrize("name", ["wood", "paper", "leather", "epoxy"])
+def test_shipped_pictures_have_the_colour_of_the_swatch(name: str) -> None:
+    swatch = load_swatch(name)
+    assert swatch.look is not None
+    albedo = swatch.look.albedo()
+    assert albedo is not None
+    np.testing.assert_allclose(albedo.mean(axis=(0, 1)), swatch.albedo_rgb, atol=0.02)
+    assert albedo.std(axis=(0, 1)).max() > 0.01
+    for axis in (0, 1):  # periodic: opposite borders differ no more than neighbours within
+        step = np.abs(np.diff(albedo, axis=axis)).mean()
+        seam = np.abs(np.take(albedo, 0, axis) - np.take(albedo, -1, axis)).mean()
+        assert seam < 2.0 * step

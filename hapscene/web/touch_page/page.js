@@ -30,13 +30,18 @@ layout(location = 0) in vec3 position;  // 0 to 1 in the box of the scene
 layout(location = 1) in vec2 octahedral;
 layout(location = 2) in vec3 colour;
 layout(location = 3) in uint swatch;
+layout(location = 4) in vec2 uv;
+layout(location = 5) in uint picture;  // 255 without
 uniform mat4 view, light;
 uniform vec3 low, size;
 centroid out vec3 place, normal, base;  // not outside the triangle at its edges
 centroid out vec4 shade;
 out float depth;
-flat out uint kind;
+flat out uint kind, layer;
+out vec2 at;
 void main() {
+  at = uv;
+  layer = picture;
   place = low + size * position;
   vec3 n = vec3(octahedral, 1.0 - abs(octahedral.x) - abs(octahedral.y));
   if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
@@ -66,7 +71,9 @@ precision highp float;
 precision highp sampler2DShadow;
 centroid in vec3 place, normal, base;
 centroid in vec4 shade;
-flat in uint kind;
+flat in uint kind, layer;
+in vec2 at;
+uniform mediump sampler2DArray pictures;  // of the materials of mesh files
 uniform vec3 eye, sun, background;
 uniform int marked;
 uniform mediump sampler2DArray grains;
@@ -75,22 +82,25 @@ uniform vec4 feels[64];  // colour of each swatch, and whether it is shown over 
 uniform float over;  // opacity of the swatches over the look
 out vec4 colour;
 ${SHADOW}
-// Tilts a normal by the relief of the swatch, projected along the three axes.
-vec2 slope_at(vec2 at) { return (texture(grains, vec3(at, kind)).xy * 255.0 - 128.0) / 127.0; }
-vec3 bent(vec3 n) {
+// Grain of the swatch, projected along the three axes: a normal tilted by the relief, and a brightness.
+vec3 grain_at(vec2 at) { return (texture(grains, vec3(at, kind)).xyz * 255.0 - 128.0) / 127.0; }
+vec4 grain(vec3 n) {
   vec3 at = place * looks[min(kind, 63u)].x, share = pow(abs(n), vec3(4.0));
   share /= share.x + share.y + share.z;
-  vec2 x = slope_at(at.yz), y = slope_at(at.xz), z = slope_at(at.xy);
-  vec3 slope = share.x * vec3(0.0, x) + share.y * vec3(y.x, 0.0, y.y) + share.z * vec3(z, 0.0);
-  return normalize(n - slope + n * dot(n, slope));
+  vec3 x = grain_at(at.yz), y = grain_at(at.xz), z = grain_at(at.xy);
+  vec3 slope = share.x * vec3(0.0, x.xy) + share.y * vec3(y.x, 0.0, y.y) + share.z * vec3(z.xy, 0.0);
+  return vec4(normalize(n - slope + n * dot(n, slope)), 1.0 + dot(share, vec3(x.z, y.z, z.z)));
 }
 void main() {
-  vec3 flat_n = normalize(gl_FrontFacing ? normal : -normal), n = bent(flat_n), to = normalize(eye - place), half_way = normalize(to + sun);
+  vec3 flat_n = normalize(gl_FrontFacing ? normal : -normal);
+  vec4 grained = grain(flat_n);
+  vec3 n = grained.xyz, to = normalize(eye - place), half_way = normalize(to + sun);
   float gloss = looks[min(kind, 63u)].y, sunlight = smoothstep(-0.15, 1.0, dot(n, sun)) * mix(0.1, 1.0, dot(flat_n, sun) > 0.0 ? lit(shade, 0.004, 6) : 0.0);
   vec3 sky = mix(vec3(0.36, 0.33, 0.31), vec3(0.50, 0.54, 0.60), 0.5 + 0.5 * n.z);
   float shine = pow(max(dot(n, half_way), 0.0), exp2(2.0 + 6.0 * gloss)) * gloss * 0.8 * sunlight, rim = pow(1.0 - max(dot(n, to), 0.0), 4.0) * 0.15 * gloss;
   vec4 feel = feels[min(kind, 63u)];
-  vec3 light = mix(base, feel.rgb, over * feel.a) * (sky + 0.75 * sunlight * vec3(1.0, 0.96, 0.9)) + shine + rim * sky;
+  vec3 own = texture(pictures, vec3(at, min(layer, 15u))).rgb;  // read for all pixels, since it needs derivatives
+  vec3 light = mix(layer < 255u ? pow(own, vec3(2.2)) : base, feel.rgb * pow(grained.w, 2.2), over * feel.a) * (sky + 0.75 * sunlight * vec3(1.0, 0.96, 0.9)) + shine + rim * sky;
   if (marked >= 0 && int(kind) != marked) light = mix(light, background, 0.75);
   colour = vec4(pow(light / (1.0 + 0.12 * light), vec3(1.0 / 2.2)), 1.0);
 }`;
@@ -160,7 +170,7 @@ const unit = (a) => a.map((x) => x / Math.hypot(...a));
 
 const SUN = unit([-0.45, -0.35, 0.82]);
 const middle = scene.low.map((low, i) => low + scene.size[i] / 2), radius = Math.hypot(...scene.size) / 2;
-let draw_programs, faces, shadow_map, shadow_view, ground_map;
+let pictures, draw_programs, faces, shadow_map, shadow_view, ground_map;
 
 // Axes of a view towards −`back`: right, up and back.
 function axes(back) {
@@ -205,13 +215,28 @@ function draw_ground({ made, at }, view) {
   gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
 }
 
-// A layer of slopes for each swatch.
+// A layer for each picture of a mesh file.
+function make_pictures() {
+  const { made, at } = draw_programs.surface, [{ width, height } = {}] = pictures;
+  gl.useProgram(made);
+  gl.uniform1i(at.pictures, 3);
+  if (!width) return;
+  gl.activeTexture(gl.TEXTURE3);
+  gl.bindTexture(gl.TEXTURE_2D_ARRAY, gl.createTexture());
+  gl.texStorage3D(gl.TEXTURE_2D_ARRAY, Math.floor(Math.log2(width)) + 1, gl.RGB8, width, height, pictures.length);
+  pictures.forEach((picture, i) => gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, i, width, height, 1, gl.RGB, gl.UNSIGNED_BYTE, picture));
+  gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+  gl.generateMipmap(gl.TEXTURE_2D_ARRAY);
+  gl.activeTexture(gl.TEXTURE0);
+}
+
+// A layer of slopes and brightness for each swatch.
 function make_grains() {
   gl.activeTexture(gl.TEXTURE1);
   gl.bindTexture(gl.TEXTURE_2D_ARRAY, gl.createTexture());
-  const count = Math.min(scene.swatches.length, LOOKS), px = Math.sqrt(scene.swatches[0].grain[2] / 2);
-  gl.texStorage3D(gl.TEXTURE_2D_ARRAY, Math.log2(px) + 1, gl.RG8, px, px, count);
-  for (let i = 0; i < count; i++) gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, i, px, px, 1, gl.RG, gl.UNSIGNED_BYTE, array(scene.swatches[i].grain));
+  const count = Math.min(scene.swatches.length, LOOKS), px = Math.sqrt(scene.swatches[0].grain[2] / 3);
+  gl.texStorage3D(gl.TEXTURE_2D_ARRAY, Math.floor(Math.log2(px)) + 1, gl.RGB8, px, px, count);
+  for (let i = 0; i < count; i++) gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, i, px, px, 1, gl.RGB, gl.UNSIGNED_BYTE, array(scene.swatches[i].grain));
   gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
   gl.generateMipmap(gl.TEXTURE_2D_ARRAY);
   const { made, at } = draw_programs.surface;
@@ -234,12 +259,14 @@ function draw_bodies({ made, at }, view) {
 
 function set_up() {
   draw_programs = { surface: program(VERTEX, SURFACE), pick: program(VERTEX, PICK), nothing: program(VERTEX, NOTHING), ground_shadow: program(GROUND_VERTEX, GROUND_SHADOW), ground: program(GROUND_VERTEX, GROUND) };
-  const columns = [["position", 3, gl.UNSIGNED_SHORT], ["normal", 2, gl.BYTE], ["colour", 3, gl.UNSIGNED_BYTE], ["swatch", 1, gl.UNSIGNED_SHORT]];
+  const columns = [["position", 3, gl.UNSIGNED_SHORT], ["normal", 2, gl.BYTE], ["colour", 3, gl.UNSIGNED_BYTE], ["swatch", 1, gl.UNSIGNED_SHORT], ["uv", 2, gl.FLOAT], ["picture", 1, gl.UNSIGNED_BYTE]];
+  gl.vertexAttribI4ui(5, 255, 0, 0, 0);
   columns.forEach(([name, size, type], i) => {
+    if (!scene[name][2]) return;
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ARRAY_BUFFER, array(scene[name]), gl.STATIC_DRAW);
     gl.enableVertexAttribArray(i);
-    if (name === "swatch") gl.vertexAttribIPointer(i, size, type, 0, 0);
+    if (name === "swatch" || name === "picture") gl.vertexAttribIPointer(i, size, type, 0, 0);
     else gl.vertexAttribPointer(i, size, type, true, 0, 0);
   });
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
@@ -247,6 +274,7 @@ function set_up() {
   faces = scene.faces[2];
   gl.enable(gl.DEPTH_TEST);
   make_grains();
+  make_pictures();
   make_shadows();
 }
 
@@ -594,6 +622,11 @@ async function main() {
     return;
   }
   const unpacked = unpack(scene.data).then((data) => { block = data; }), sound = load_sound(unpacked);
+  pictures = await Promise.all(scene.pictures.map(async (src) => {
+    const picture = Object.assign(new Image(), { src });
+    await picture.decode().catch(() => {});  // a picture that is not decoded stays black
+    return picture;
+  }));
   await unpacked;
   set_up();
   show_panel();

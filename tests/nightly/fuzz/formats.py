@@ -395,7 +395,6 @@ FORMATS: Mapping[str, Format] = {
     "gltf": Format(gltf, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),
-    "painted-ply": painted("x.ply"),
     "fine-glb": painted("x.gltf", fine=True),
     "scene": Format(
         written(lambda path: scene().save(path), "x.scene.json"),

@@ -141,7 +141,6 @@ MADE = {
     "step-empty": ("step", lambda: b"ISO-10303-21END-ISO-10303-21"),
     "scene-pose": ("scene", lambda: other("scene", r'"pose": \[', '"pose": [[0], ')),
     "painted-glb-nan": ("painted-glb", painted_of_nan),
-    "painted-ply-far": ("painted-ply", lambda: other("painted-ply", "(?s)(end_header\n).{8}", r"\1AAAAAA~~")),
 }
 """Format and content of each invalid file, by name."""
 

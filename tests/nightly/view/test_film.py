@@ -1,6 +1,5 @@
 """Films as GIF and MP4."""
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,9 +13,10 @@ from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.view.picture import Film, _compose, write_film
+from hapscene.view.palette import LIGHT, PATH, rgb
+from hapscene.view.picture import _compose, write_picture
 
-SMALL = Film(size=(320, 240), seconds=0.48)
+SMALL = {"size": (320, 240), "seconds": 0.48}
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def scene() -> Scene:
 
 def write(*arguments: object, **named: object) -> None:
     try:
-        write_film(*arguments, **named)  # type: ignore[arg-type]
+        write_picture(*arguments, **named)  # type: ignore[arg-type]
     except ViewError as error:
         if "no GL" not in str(error):
             raise
@@ -37,7 +37,7 @@ def write(*arguments: object, **named: object) -> None:
 
 
 def test_gif(tmp_path: Path, scene: Scene) -> None:
-    write(scene, None, tmp_path / "a.gif", SMALL)
+    write(scene, None, tmp_path / "a.gif", **SMALL)
     with Image.open(tmp_path / "a.gif") as image:
         assert image.size == (320, 240) and image.n_frames == 6
         frames, duration_ms = [], 0
@@ -50,18 +50,25 @@ def test_gif(tmp_path: Path, scene: Scene) -> None:
     assert all(np.array_equal(frames[0][-30:], frame[-30:]) for frame in frames)  # the legend stands still
 
 
+def test_gif_keeps_the_colour_of_the_path(tmp_path: Path, scene: Scene, recording: Recording) -> None:
+    write(scene, recording, tmp_path / "a.gif", **SMALL)
+    with Image.open(tmp_path / "a.gif") as image:
+        palette = np.reshape(image.getpalette(), (-1, 3))
+    assert np.abs(palette - 255 * rgb(PATH)).max(axis=1).min() < 6
+
+
 def test_mp4(tmp_path: Path, scene: Scene, recording: Recording) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not installed")
-    write(scene, recording, tmp_path / "a.mp4", replace(SMALL, seconds=0.5))
+    write(scene, recording, tmp_path / "a.mp4", **SMALL | {"seconds": 0.5})
     reader = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
     about = next(reader)
     assert about["size"] == (320, 240) and about["fps"] == pytest.approx(25.0) and len(list(reader)) == 12
 
 
 def test_touch_is_in_real_time(scene: Scene, recording: Recording) -> None:
-    drawing, _ = _compose(scene, recording, Film(size=(320, 240), turn_rad=0.0), 30)
-    tips_m = np.array([dict(frame.shown)[0][:3, 3] for frame in drawing.frames])
     ticks = np.linspace(0, 1999, 30).round().astype(int)
+    drawing, _ = _compose(scene, recording, ticks, [0.0] * 30, (320, 240), LIGHT, "both")
+    tips_m = np.array([dict(frame.shown)[0][:3, 3] for frame in drawing.frames])
     np.testing.assert_allclose(np.diff(tips_m, axis=0), np.diff(recording.p_WT_m[ticks], axis=0), atol=1e-12)
     assert all(np.array_equal(frame.X_SC, drawing.frames[0].X_SC) for frame in drawing.frames)
 
@@ -69,7 +76,7 @@ def test_touch_is_in_real_time(scene: Scene, recording: Recording) -> None:
 def test_mp4_without_encoder_raises(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene.view.picture.find_spec", lambda name: None)
     with pytest.raises(ViewError, match="video"):
-        write_film(scene, None, tmp_path / "a.mp4", SMALL)
+        write_picture(scene, None, tmp_path / "a.mp4", **SMALL)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -79,5 +86,5 @@ def test_interrupt_leaves_no_files(tmp_path: Path, scene: Scene, monkeypatch: py
 
     monkeypatch.setattr("hapscene.view.picture.draw", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_film(scene, None, tmp_path / "a.gif", SMALL)
+        write_picture(scene, None, tmp_path / "a.gif", **SMALL)
     assert list(tmp_path.iterdir()) == []

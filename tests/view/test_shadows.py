@@ -1,0 +1,83 @@
+"""Shadows of a square plate that floats above the ground, compared with its projection along the sun."""
+
+import numpy as np
+import pytest
+
+from hapscene.view.camera import facing, fit_cameras, pose_of
+from hapscene.view.shadows import DARK, SUN, SUN_RAD, ZENITH, DepthPicture, Shadows
+
+HALF_M = 0.1
+"""Half of the side of the plate [m]."""
+
+PX = 400
+
+
+def plate(direction: tuple[float, float, float], height_m: float) -> DepthPicture:
+    """The plate as seen from a direction: the depth of its plane where the ray meets it."""
+    corners_m = np.array([(x, y, height_m) for x in (-HALF_M, HALF_M) for y in (-HALF_M, HALF_M)])
+    (X_SC,), _, pixel_m = fit_cameras(corners_m, [facing(np.array(direction), (0.0, 1.0, 0.0))], (PX, PX))
+    at = (np.arange(PX) + 0.5 - PX / 2) * pixel_m
+    x, y = np.meshgrid(at, -at)
+    start_m = np.stack([x, y, np.zeros_like(x)], axis=2) @ X_SC[:3, :3].T + X_SC[:3, 3]
+    depth_m = (start_m[..., 2] - height_m) / X_SC[2, 2]
+    hit_m = start_m - depth_m[..., None] * X_SC[:3, 2]
+    inside = (np.abs(hit_m[..., :2]) <= HALF_M).all(axis=2)
+    return DepthPicture(np.where(inside, depth_m, np.inf).astype(np.float32), X_SC, pixel_m)
+
+
+def ground(height_m: float, sun: bool = True) -> np.ndarray:
+    """Linear brightness (PX, PX) of 1 m² of ground seen from the zenith, in the light of the sun or of the sky."""
+    of_sun, of_sky = plate(SUN, height_m), plate(ZENITH, height_m)
+    clear = np.full((PX, PX), np.inf, np.float32)
+    of_sun, of_sky = (of_sun, of_sky._replace(depth_m=clear)) if sun else (of_sun._replace(depth_m=clear), of_sky)
+    shadows = Shadows(of_sun, of_sky, 0.0, 4 * HALF_M)
+    X_SC = pose_of(np.eye(3), (0.0, 0.0, 1.0))
+    white = np.full((PX, PX, 3), 255, np.uint8)
+    pixels = shadows.cast(white, np.full((PX, PX), np.inf, np.float32), X_SC, 1.0 / PX)
+    return (pixels[..., 0] / 255.0) ** 2.2
+
+
+def column(x_m: float) -> int:
+    return round((x_m + 0.5) * PX)
+
+
+def row(y_m: float) -> int:
+    return round((0.5 - y_m) * PX)
+
+
+@pytest.mark.parametrize("height_m", [0.02, 0.1])
+def test_the_shadow_lies_where_the_sun_projects_the_plate(height_m: float) -> None:
+    seen = ground(height_m)
+    x_m, y_m = -height_m * SUN[0] / SUN[2], -height_m * SUN[1] / SUN[2]
+    dark = seen < 1.0 - 0.5 * DARK[0]
+    rows, columns = np.nonzero(dark)
+    assert columns.mean() / PX - 0.5 == pytest.approx(x_m, abs=0.004)
+    assert 0.5 - rows.mean() / PX == pytest.approx(y_m, abs=0.004)
+    assert dark.sum() / PX**2 == pytest.approx((2 * HALF_M) ** 2, rel=0.05)
+    assert seen[row(y_m), column(x_m)] <= 1.0 - DARK[0] + 0.01
+    assert (seen[[0, 0, -1, -1], [0, -1, 0, -1]] == 1.0).all()
+
+
+def test_the_border_is_wider_the_higher_the_plate() -> None:
+    widths_m = []
+    for height_m in (0.02, 0.05):
+        line = ground(height_m)[row(-height_m * SUN[1] / SUN[2])]
+        edge = line[column(HALF_M - height_m * SUN[0] / SUN[2] - 0.06) :]
+        part = (edge - edge.min()) / (1.0 - edge.min())
+        widths_m.append(np.count_nonzero((part > 0.2) & (part < 0.8)) / PX)
+    assert widths_m[1] > 1.5 * widths_m[0] > 0
+    assert widths_m[1] < 2 * SUN_RAD * 0.05 / SUN[2] ** 2
+
+
+def test_the_sky_is_hidden_beside_a_body_and_less_farther_away() -> None:
+    line = ground(0.02, sun=False)[PX // 2]
+    beside = [line[column(HALF_M + far_m)] for far_m in (0.01, 0.03, 0.05, 0.08)]
+    assert 1.0 - DARK[1] < beside[0] < beside[1] < beside[2] <= beside[3] == 1.0
+
+
+def test_without_bodies_near_nothing_changes() -> None:
+    seen = Shadows(plate(SUN, 0.1), plate(ZENITH, 0.1), 0.0, 0.4)
+    X_SC = pose_of(np.eye(3), (10.0, 0.0, 1.0))
+    pixels = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
+    depth_m = np.full((20, 30), np.inf, np.float32)
+    np.testing.assert_array_equal(seen.cast(pixels, depth_m, X_SC, 0.001), pixels)
