@@ -38,8 +38,7 @@ FADE_S: Final = 0.02
 """Duration of a fade [s]. No click is audible, and the delay is below the noticeable 24 ms (Adelstein et al. 2003)."""
 
 QUICK: Final = 4.0
-"""How much shorter a fade is where the channel ends without notice [1]: the servo may have died, and the fade follows
-the samples that are buffered."""
+"""How much faster a fade is where the channel ends without notice [1], because the servo may have died."""
 
 LOOK_AHEAD_S: Final = 0.002
 """Look-ahead of the limiter [s]."""
@@ -271,8 +270,8 @@ def render(s: Record, ring: Array, table: Array, handle: Records, out: Array) ->
             s.limited += 1 if handle[0].due_gain[(handle[0].count - 1) & MASK] < 0.999 else 0
         x = _limited(s, s.gain * x)
         gap = s.steered == 1 and s.ending == 0 and s.written <= s.whole + s.half
-        down = QUICK * s.fade_step if gap else s.fade_step
-        s.faded = min(s.faded + s.fade_step, 1.0) if s.state == PLAYING else max(s.faded - down, 0.0)
+        step = s.fade_step * (QUICK if gap else 1.0)
+        s.faded = min(s.faded + s.fade_step, 1.0) if s.state == PLAYING else max(s.faded - step, 0.0)
         if s.state == FADING and s.faded == 0.0:
             s.state, s.windows = SILENT, 0
         out[k] = x if s.faded == 1.0 else x * 0.5 * (1.0 - math.cos(math.pi * s.faded))

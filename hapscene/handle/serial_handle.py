@@ -1,8 +1,7 @@
 """A real handle on a serial port, for identification (docs/reference/handle-protocol.md).
 
-Force is sent in lines of samples, never more than `BUFFER` samples ahead of those that the handle reports as played.
-The
-handle is the only clock: a busy computer loses no samples until the buffer of the handle is empty.
+Force is sent in lines of samples, at most `BUFFER` ahead of those that the handle reports as played. The handle is the
+only clock: a busy computer loses no samples until the buffer of the handle is empty.
 """
 
 from collections.abc import Callable

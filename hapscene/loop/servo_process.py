@@ -363,7 +363,7 @@ class OrderHandler:
         self.write_faults()
         reasons = [connection.reason(int(connection.state.trouble[0])) for connection in self.connections]
         write_text(self._channel.notice, "; ".join(filter(None, reasons)))
-        for vendor in self._vendors:
+        for vendor in self._vendors if self._stop is not None else ():  # a paused vendor's thread calls no tick
             try:
                 vendor.check()
             except Exception as error:

@@ -15,8 +15,7 @@ ID: Final = "16c0:05dc"
 
 PACKET: Final = 1 << 10
 """Bytes of a read request. 2 ms of a board at 10 kHz take 600. If all packets of a board are full, a read waits until
-the
-request is complete: 8 ms at 5 kHz."""
+the request is complete: 8 ms at 5 kHz."""
 
 
 class UsbWire(DrainedPort):

@@ -1,4 +1,5 @@
-"""Soak test: delays of ticks beside a viewer and a busy Python thread, compared with an empty loop."""
+"""Soak tests: delays of ticks beside a viewer and a busy Python thread, compared with an empty loop; devices that fail
+again and again."""
 
 import importlib.util
 import os
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 
 import hapscene
-from hapscene.device import choose
+from hapscene.device import DeviceChoice, choose
 from hapscene.loop import Servo
 from hapscene.loop.empty_loop import EmptyLoop
 from hapscene.play.monitor import deadline_misses
 from hapscene.view.picture import write_picture
+from tests.nightly.loop import time_to_zero
+from tests.until import until
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "10"))
 DEMO = Path(__file__).resolve().parents[3] / "assets" / "demo.scene.json"
@@ -98,3 +101,51 @@ def test_delays_equal_those_of_an_empty_loop(device: str, tmp_path: Path, monkey
         print("in the callback [µs], median and p99:", np.round(np.percentile(spent_us, [50, 99]), 1).tolist())
     assert more <= 1.2 * less + 10
     assert memories[-1] < 1.02 * memories[len(memories) // 4]
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(
+    not Path("/proc").is_dir() or not hasattr(os, "openpty"), reason="needs /proc and a pseudo-terminal"
+)
+@pytest.mark.parametrize("driver", ["haply2diy", "openhaptics"])
+def test_force_ends_after_each_fault_and_returns(driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device is pressed against a wall. It fails in all ways in turn, some shorter than the driver's patience."""
+    device, random = time_to_zero.DEVICES[driver](driver, tmp_path), np.random.default_rng(20)
+    for name, value in device.environment.items():
+        monkeypatch.setenv(name, value)
+    options = dict(option.split("=") for option in device.options.split(","))
+    faults = [name for name in device.faults if "hangs" not in name]  # the watchdog ends the servo
+    times_ms: dict[str, list[float]] = {name: [] for name in faults}
+    memories, recovered, k, end_s = [], 0, 0, time.monotonic() + 60.0 * MINUTES
+
+    def is_pressed() -> bool:
+        nonlocal recovered
+        if servo.mode == "error":  # the fault lasted too long, or the device is elsewhere after it
+            servo.recover()
+            servo.resume()
+            recovered += 1
+        return time_to_zero.is_pressed(device)
+
+    try:
+        device.move(device.front_m + time_to_zero.CLEAR_M)
+        with Servo(time_to_zero.wall_scene(device), DeviceChoice(driver, options)) as servo:
+            servo.start((0.0, 0.0, 0.0))
+            while time.monotonic() < end_s:
+                time_to_zero.press(device)
+                until(is_pressed, 20.0)
+                name, at_ns = faults[k % len(faults)], time.monotonic_ns()
+                device.fault(name)
+                time.sleep(random.uniform(0.1, 1.0))
+                times_ms[name].append(time_to_zero.time_to_zero_ms(device, at_ns))
+                device.mend()
+                for x_m in np.linspace(time_to_zero.PRESSED_M, time_to_zero.CLEAR_M, 40):
+                    device.move(device.front_m + x_m)
+                    time.sleep(0.01)
+                memories.append(memory_kB(servo._process.pid))
+                k += 1
+    finally:
+        device.end()
+    print(f"\n{driver}: {k} faults, {recovered} reopened; memory {memories[0]} to {memories[-1]} kB")
+    print("time to zero [ms], median and largest:", {n: (np.median(t), max(t)) for n, t in times_ms.items() if t})
+    assert max(max(times) for times in times_ms.values() if times) < 30.0
+    assert recovered > 0 and memories[-1] < 1.02 * memories[len(memories) // 4]

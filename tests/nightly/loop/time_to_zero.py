@@ -20,7 +20,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -32,6 +32,7 @@ import hapscene
 from hapscene.bridge.packets import FRAME, HELLO, STATE, WELCOME, Packet, pack, pack_json, unpack
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
+from hapscene.loop.timing import PRIORITY
 from hapscene_plugins.devices import falcon_kinematics, woodenhaptics
 from hapscene_plugins.devices.haply2diy import HARDWARE, MIDDLE_M, forward
 from tests.handle.serial_board import BLOCK_S, COLUMNS, Peer, serve
@@ -83,11 +84,13 @@ class Board:
     Attributes:
         options: options with which the driver finds it.
         faults: what to set in the emulator for each fault.
+        whole: what to set in it for a device without fault.
         axis, front_m, held: axis of the movement, place of the wall along it, and the command that counts as pressed.
     """
 
     axis, front_m, held = 0, 0.0, 0.3
     faults: ClassVar[dict[str, dict[str, Any]]]
+    whole: ClassVar[dict[str, Any]]
 
     def __init__(self, driver: str, folder: Path) -> None:
         self.environment = {"HAPSCENE_USB": str(folder / driver), "PYTHONPATH": str(EMULATORS)}
@@ -98,6 +101,10 @@ class Board:
 
     def fault(self, name: str) -> None:
         self.emulated.set(**self.faults[name])
+
+    def mend(self) -> None:
+        """End a fault."""
+        self.emulated.set(**self.whole)
 
     def rows(self) -> list[list[float]]:
         """Time [ns] and components of all commands."""
@@ -118,6 +125,7 @@ class Haply2diy(Board):
         name: {"fault": number}
         for number, name in enumerate(("no answers", "truncated answers", "NaN", "random bytes", "position jumps"), 1)
     }
+    whole: ClassVar = {"fault": 0}
 
     def __init__(self, driver: str, folder: Path) -> None:
         super().__init__(driver, folder)
@@ -181,6 +189,9 @@ class Library(Board):
     def fault(self, name: str) -> None:
         self.desk.set(**self.faults[name])
 
+    def mend(self) -> None:
+        self.desk.set(**self.whole)
+
     def rows(self) -> list[list[float]]:
         if self.name == "dhd" and self.desk.count:  # the device's own watchdog
             os.environ.update(self.environment)
@@ -197,6 +208,7 @@ class OpenHaptics(Library):
         "NaN": {"position": (math.nan,) * 3},
         "the library's thread hangs": {"stuck": 1},
     }
+    whole: ClassVar = {"begin_error": 0, "position": (0.0,) * 3}
 
 
 class ForceDimension(Library):
@@ -368,18 +380,42 @@ DEVICES: Final[dict[str, Any]] = {
 """Emulated devices by driver."""
 
 
+def wall_scene(device: Any) -> hapscene.Scene:
+    """A wall in front of a device."""
+    wall = trimesh.creation.box((0.1, 0.1, 0.1))
+    wall.apply_translation((device.front_m + 0.05) * np.eye(3)[device.axis])
+    scene = hapscene.Scene()
+    scene.add(wall, name="wall", unit="m", swatch=getattr(device, "swatch", None))
+    return scene
+
+
+def press(device: Any) -> None:
+    """Move a device against the wall within 0.4 s."""
+    for x_m in np.linspace(CLEAR_M, PRESSED_M, 40):
+        device.move(device.front_m + x_m)
+        time.sleep(0.01)
+
+
+def is_pressed(device: Any) -> bool:
+    """Whether a device exerts a force."""
+    return max((abs(part) for row in device.rows()[-50:] for part in row[1:]), default=0.0) > float(device.held)
+
+
+def time_to_zero_ms(device: Any, since_ns: int) -> float:
+    """Time from a moment to the first command of zero that no other follows within 0.4 s [ms]; infinite: none yet."""
+    rows, end_ns = device.rows(), since_ns + 400_000_000
+    held = [row[0] for row in rows if any(row[1:]) and since_ns < row[0] < end_ns]
+    zeros = [row[0] for row in rows if not any(row[1:]) and row[0] > max(held, default=since_ns)]
+    return float((zeros[0] - since_ns) * 1e-6) if zeros else math.inf
+
+
 class Play:
     """`hapscene play` with an emulated device, pressed against a wall."""
 
     def __init__(self, driver: str, folder: Path) -> None:
         device = self.device = DEVICES[driver](driver, folder)
-        axis, front_m = np.eye(3)[device.axis], device.front_m
-        wall = trimesh.creation.box((0.1, 0.1, 0.1))
-        wall.apply_translation((front_m + 0.05) * axis)
-        scene = hapscene.Scene()
-        scene.add(wall, name="wall", unit="m", swatch=getattr(device, "swatch", None))
-        scene.save(folder / "wall.scene.json")
-        device.move(front_m + CLEAR_M)
+        wall_scene(device).save(folder / "wall.scene.json")
+        device.move(device.front_m + CLEAR_M)
         words = ["play", str(folder / "wall.scene.json"), "--device", getattr(device, "device", driver)]
         words += ["--at", "0", "0", "0", "--option", device.options, "--log", str(folder / "logs")]
         words += getattr(device, "words", [])
@@ -393,10 +429,8 @@ class Play:
         try:
             until(lambda: len(device.rows()) > 100)
             time.sleep(RAMP_S)
-            for x_m in np.linspace(CLEAR_M, PRESSED_M, 40):
-                device.move(front_m + x_m)
-                time.sleep(0.01)
-            until(lambda: max(abs(part) for row in device.rows()[-50:] for part in row[1:]) > device.held)
+            press(device)
+            until(lambda: is_pressed(device))
         except (AssertionError, IndexError):
             self.process.kill()
             device.end()
@@ -412,14 +446,6 @@ class Play:
         started = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
         stats = {pid: Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in started}
         return [int(pid) for pid in sorted(started, key=lambda pid: int(stats[pid][19]))]  # start time
-
-    def time_to_zero_ms(self, since_ns: int) -> float:
-        """Time from a moment to the first command of zero that no other follows within 0.4 s [ms]; infinite: never."""
-        time.sleep(0.6)
-        rows, end_ns = self.device.rows(), since_ns + 400_000_000
-        held = [row[0] for row in rows if any(row[1:]) and since_ns < row[0] < end_ns]
-        zeros = [row[0] for row in rows if not any(row[1:]) and row[0] > max(held, default=since_ns)]
-        return float((zeros[0] - since_ns) * 1e-6) if zeros else math.inf
 
     def end(self) -> None:
         for pid in (self.servo_pid, self.other_pid, self.process.pid):
@@ -459,7 +485,7 @@ SIGNALS: Final = {
 
 def events_of(driver: str) -> list[str]:
     """What can happen to a device: signals, and its own faults."""
-    signals = [name for name in SIGNALS if issubclass(DEVICES[driver], Handle) <= (not name.startswith("watchdog"))]
+    signals = [name for name in SIGNALS if DEVICES[driver] is not Handle or "watchdog" not in name]  # it has none
     return [*signals, *(f"device: {fault}" for fault in DEVICES[driver].faults)]
 
 
@@ -475,15 +501,55 @@ def busy_processes(count: int) -> Iterator[None]:
             burner.wait()
 
 
-def measure(driver: str, event: str, folder: Path) -> float:
-    """Time to zero force after an event [ms]."""
+SATURATE: Final = f"""
+import os, sys, time
+os.sched_setaffinity(0, [int(sys.argv[1])])
+print(flush=True)
+sys.stdin.readline()
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))
+end_s = time.monotonic() + 0.9
+while time.monotonic() < end_s:
+    pass
+"""
+"""A thread with the real-time priority of a servo whose ticks take longer than a period, on one processor."""
+
+
+@contextmanager
+def saturated_processors() -> Iterator[None]:
+    """Real-time threads that take all processors for 0.9 s; the context has a higher priority."""
+    words = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    cores = sorted(os.sched_getaffinity(0))
+    threads: list[Any] = [subprocess.Popen([sys.executable, "-c", SATURATE, str(core)], **words) for core in cores]
+    for thread in threads:
+        thread.stdout.readline()
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 2))
+    try:
+        for thread in threads:
+            thread.stdin.write("\n")
+            thread.stdin.flush()
+        time.sleep(0.03)  # until they run
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        for thread in threads:
+            thread.communicate()
+
+
+def measure(driver: str, event: str, folder: Path, saturated: bool = False) -> float:
+    """Time to zero force after an event [ms], on processors that real-time threads saturate or not."""
     play = Play(driver, folder)
     try:
-        at_ns = time.monotonic_ns()
-        SIGNALS[event](play) if event in SIGNALS else play.device.fault(event.removeprefix("device: "))
-        return play.time_to_zero_ms(at_ns)
+        with saturated_processors() if saturated else nullcontext():
+            return _time_after(play, event)
     finally:
         play.end()
+
+
+def _time_after(play: Play, event: str) -> float:
+    at_ns = time.monotonic_ns()
+    SIGNALS[event](play) if event in SIGNALS else play.device.fault(event.removeprefix("device: "))
+    time.sleep(0.6)
+    return time_to_zero_ms(play.device, at_ns)
 
 
 def main(busy: str = "0", repeats: str = "3", *drivers: str) -> None:
