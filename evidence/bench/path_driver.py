@@ -89,9 +89,8 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     for name in ("mesh", "path", "out"):
         parser.add_argument(name, type=Path)
-    for name, default in (("--repeats", REPEATS), ("--cold-first", -1), ("--flush-mb", 64)):
-        parser.add_argument(name, type=int, default=default)
-    parser.add_argument("--radius", type=float, default=0.0)
+    for name, default in (("--radius", 0.0), ("--repeats", REPEATS), ("--cold-first", -1), ("--flush-mb", 64)):
+        parser.add_argument(name, type=type(default), default=default)
     given = parser.parse_args()
     path = np.fromfile(given.path, "<f8").reshape(-1, 3)
     scene = Case("body", read_mesh(given.mesh), path).scene()
