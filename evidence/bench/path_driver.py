@@ -1,11 +1,12 @@
 """Times hapscene along a path in a separate process, through the file interface of all renderers of `side_by_side`.
 
-    python -m hapscene_evidence.bench.path_driver MESH PATH OUT [--repeats N] [--cold-first TICK --flush-mb MIB]
+    python -m hapscene_evidence.bench.path_driver MESH PATH OUT [--radius M] [--repeats N]
+        [--cold-first TICK --flush-mb MIB]
 
 The programs for other renderers are not part of hapscene. A folder BUILD holds `chai_path`, `hapi_path` or both:
 programs without a device around CHAI3D 3.3.0 (github.com/chai3d/chai3d) and HAPI 1.3.1 (github.com/ChristianFrisson/
 HAPI and its H3DUtil), compiled with -O3 -march=native. `chai_path` also takes --mode static|dynamic and --scale
-UNITS_PER_M. Files are little-endian:
+UNITS_PER_M. The tool is a ball of --radius, 0 by default. Files are little-endian:
 
 | file | content |
 |---|---|
@@ -18,7 +19,7 @@ A program prints the line `build_ms NUMBER`, the time to build the search struct
 new proxy at the first position. Only the renderer's call lies between two reads of a monotonic clock; the minimum of
 each tick counts. With --cold-first it runs once; from that tick on, it first rewrites one word of each 64-byte line of
 a buffer of MIB. CHAI3D: a `cMultiMesh` in a `cWorld` with `createAABBCollisionDetector`, a `cAlgorithmFingerProxy` of
-radius 0, in mode dynamic with `m_useDynamicProxy`. HAPI: a `HapticTriangleTree` over an `AABBTree`, front sides, a
+that radius, in mode dynamic with `m_useDynamicProxy`. HAPI: a `HapticTriangleTree` over an `AABBTree`, front sides, a
 smooth `FrictionSurface`, a `GodObjectRenderer`.
 """
 
@@ -88,13 +89,13 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     for name in ("mesh", "path", "out"):
         parser.add_argument(name, type=Path)
-    for name, default in (("--repeats", REPEATS), ("--cold-first", -1), ("--flush-mb", 64)):
-        parser.add_argument(name, type=int, default=default)
+    for name, default in (("--radius", 0.0), ("--repeats", REPEATS), ("--cold-first", -1), ("--flush-mb", 64)):
+        parser.add_argument(name, type=type(default), default=default)
     given = parser.parse_args()
     path = np.fromfile(given.path, "<f8").reshape(-1, 3)
     scene = Case("body", read_mesh(given.mesh), path).scene()
     start_s = time.perf_counter()
-    renderer = Renderer(scene, effects=["wall"], seed=0)
+    renderer = Renderer(scene, effects=["wall"], seed=0, tip_radius_m=given.radius)
     print(f"build_ms {1e3 * (time.perf_counter() - start_s):.1f}")
     rows = np.zeros((len(path), COLUMNS + 1))
     if given.cold_first < 0:

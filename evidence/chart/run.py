@@ -31,6 +31,7 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "force-rate": "force_rate",
     "acceleration-rate": "acceleration_rate",
     "groove": "groove",
+    "tip": "tip",
     "stabiliser": "stabiliser",
     "compensator": "compensator",
 }

@@ -10,9 +10,9 @@ The same holds for the cylinders that contain many faces (`hapscene.contact.face
 faces that together contain all faces nearby is kept from tick to tick. In each tick the centre moves to the point x
 closest to the device. The entry of the front whose plane x violates most is refined: its plane is computed anew at c,
 then a cylinder is replaced by those inside it, down to a face. The plane of the face becomes a constraint, and x is
-computed again, until it violates no plane. The way from c to x is then in front of all planes, so the ball passes
-through no face, at any speed, thin plates and loose triangles included. At x, the planes that hold the ball are
-renewed, until they no longer change: then they touch the thickened faces where the ball does.
+computed again, until it violates no plane. The way from c to x is then in front of all planes to a tenth of r, so the
+centre passes through no face, at any speed, thin plates and loose triangles included. At x, the planes that hold the
+ball are renewed, until they no longer change: then they touch the thickened faces where the ball does.
 
 Both sides of a face are solid. No skin is needed, since the centre is never closer to a face than r.
 """
@@ -20,11 +20,9 @@ Both sides of a face are solid. No skin is needed, since the centre is never clo
 import math
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import PASS_MAX
-from hapscene.contact.face_tree import LEAF_MAX, closest_on_cylinder
+from hapscene.contact.face_tree import LEAF_MAX, way_from_cylinder
 from hapscene.contact.inside import close_left_punctures
 from hapscene.contact.planes import drop_idle, nearest
 from hapscene.contact.proxy import carried_position, list_bodies
@@ -47,11 +45,9 @@ SKIN_M: Final = 1e-6
 SETTLED_M: Final = 2e-7
 """Change of the centre below which the search ends [m]."""
 
-SLACK_M: Final = 1e-6
-"""How far behind the plane of a face the centre may start to slide onto it [m]; where it ends, `TOLERANCE_M` holds."""
-
-SLACK: Final = 0.01
-"""The same, as a fraction of the radius of the tip [1]; the smaller one counts."""
+SLACK: Final = 0.1
+"""How far behind the plane of a face the centre may start to slide onto it, as a fraction of the radius of the tip [1];
+where it ends, `TOLERANCE_M` holds. Below 1, so that the centre passes through no face."""
 
 FRONT_KEPT: Final = 128
 """Largest front that the next tick keeps [count]. A larger one takes longer to test than a new one to make."""
@@ -61,6 +57,10 @@ SEARCH_MAX: Final = 256
 
 NO_FACE: Final = -1
 FULL: Final = -2
+
+FAILED: Final = 0
+FOUND: Final = 1
+SETTLED: Final = 2
 
 SLOW: Final = 0.1
 """Ratio of two successive moves from which the search looks ahead [1]: fine meshes converge faster, edges slower."""
@@ -120,7 +120,7 @@ def _begin_front(world: "World", tool_W: Vector, before_W: Vector, c: Vector) ->
     for k in range(held):
         if world.bodies[proxy.body[k]].punctured == 0:
             _append(world, proxy.body[k], -1 - proxy.face[k])
-            _put_plane(world, ball.count - 1, before_W, True)
+            _put_plane(world, ball.count - 1, before_W, before_W, True)
             _hold(world, ball.count - 1)
     for k in range(proxy.near_count):
         body = world.bodies[world.near[k]]
@@ -160,66 +160,87 @@ def _solve(world: "World", tool_W: Vector, c: Vector) -> tuple[bool, Vector]:
         found, x = _project(world, tool_W, c, False, k == 0)
         if not found and k == 0:
             continue
-        if not found:
-            return False, c
+        if found != FOUND:
+            return bool(found == SETTLED), x if found == SETTLED else c
         y, way_m = x, norm(sub(x, c))
         if way_m > SETTLED_M and way_m > SLOW * last_m:
             y = _ahead(world, c, x, 1.0 / (1.0 - min(way_m / last_m, SLOWEST)))
             way_m = math.inf
         c, last_m = y, way_m
-        if not _renew_planes(world, c) and y == x:
+        if not _renew_planes(world, c, c) and y == x:
             return True, c
     return False, c
 
 
 @native
-def _project(world: "World", target_W: Vector, c: Vector, last: bool, ease: bool) -> tuple[bool, Vector]:
+def _project(world: "World", target_W: Vector, c: Vector, last: bool, ease: bool) -> tuple[int, Vector]:
     """Return the point closest to a target that the front allows a ball at `c`.
 
     Starts with the planes of the proxy, and adds the plane that the point violates most, until it violates no more.
-    Each addition increases the distance from the target, so no set of planes comes twice. Returns False if no point
-    satisfies the planes, or the front is too large.
+    Each addition increases the distance from the target, so no set of planes comes twice. Returns `FAILED` if no point
+    satisfies the planes, or the front is too large; `SETTLED` if the planes are those for a ball at the point.
 
     Args:
         world: the scene as the contact reads it.
         target_W, c: target, and position of the ball.
         last: True if the ball was at `c` in the last tick, at the last poses of the bodies.
+        ease: True to renew the planes at the point before the front is tested; see also `_test_plane`.
     """
-    proxy, ball = world.proxy[0], world.ball[0]
-    planes, height = ball.plane, ball.height_m
-    found, x = nearest(proxy, target_W, 0.0)
-    if not found:
+    proxy = world.proxy[0]
+    allowed, x = nearest(proxy, target_W, 0.0)
+    if not allowed:
         proxy.count, x = 0, target_W
+    found = SETTLED if ease else FOUND
+    if ease and _renew_planes(world, x, c):
+        allowed, z = nearest(proxy, target_W, 0.0)
+        found, x = FOUND, z if allowed else x
     drop_idle(proxy)
     for _ in range(SEARCH_MAX):
-        worst, by = -TOLERANCE_M, -1
-        for i in range(ball.count):  # a loop that the compiler makes of vector instructions
-            height[i] = planes[0, i] * x[0] + planes[1, i] * x[1] + planes[2, i] * x[2] - planes[3, i]
-        for i in range(ball.count):
-            if height[i] < -TOLERANCE_M:
-                if ball.stamp[i] != ball.now:
-                    height[i] = _test_plane(world, i, c, x, last, ease)
-                if height[i] < worst:
-                    worst, by = height[i], i
-        if by < 0:
-            return True, x
-        by = _refine(world, by, c, x, last, ease)
+        by = _find_face(world, c, x, last, ease)
+        if by == NO_FACE:
+            return found, x
         if by == FULL:
-            return False, x
-        if by >= 0:
-            _hold(world, by)
-            found, x = nearest(proxy, target_W, 0.0)
-            if not found:
-                return False, x
-            drop_idle(proxy)
-    return False, x
+            break
+        _hold(world, by)
+        allowed, x = nearest(proxy, target_W, 0.0)
+        if not allowed:
+            break
+        found = FOUND
+        drop_idle(proxy)
+    return FAILED, x
 
 
-@inlined
-def _height(ball: np.record, i: int, x: Vector) -> float:
-    """Return the height of a point above the plane of entry `i` of the front [m]."""
-    planes = ball.plane
-    return float(planes[0, i] * x[0] + planes[1, i] * x[1] + planes[2, i] * x[2] - planes[3, i])
+@native
+def _find_face(world: "World", c: Vector, x: Vector, last: bool, ease: bool) -> int:
+    """Refine the front until no cylinder is violated more than a face.
+
+    Returns the entry of the face whose plane `x` violates most, `NO_FACE`, or `FULL`.
+    """
+    ball = world.ball[0]
+    planes, height, violated, count = ball.plane, ball.height_m, ball.violated, ball.count
+    for i in range(count):  # a loop that the compiler makes of vector instructions
+        height[i] = planes[0, i] * x[0] + planes[1, i] * x[1] + planes[2, i] * x[2] - planes[3, i]
+    violations = 0
+    for i in range(count):  # without a branch, which the processor would often predict wrongly
+        violated[violations] = i
+        violations += height[i] < -TOLERANCE_M
+    for k in range(violations):
+        if ball.stamp[violated[k]] != ball.now:
+            _test_plane(world, violated[k], c, x, last, ease)
+    while True:
+        worst, by = -TOLERANCE_M, NO_FACE
+        for k in range(violations):
+            if height[violated[k]] < worst:
+                worst, by = height[violated[k]], violated[k]
+        if by == NO_FACE:
+            return NO_FACE
+        count = ball.count
+        by = _refine(world, by, c, x, last, ease)
+        if by != NO_FACE:
+            return int(by)
+        for i in range(count, ball.count):
+            violated[violations] = i
+            violations += 1
 
 
 @native
@@ -258,44 +279,50 @@ def _refine(world: "World", i: int, c: Vector, x: Vector, last: bool, ease: bool
 def _test_plane(world: "World", i: int, c: Vector, x: Vector, last: bool, ease: bool) -> float:
     """Compute the plane of entry `i` of the front for a ball at `c`; return the height of `x` above it [m].
 
-    With `ease`, the plane for a ball at `x` is taken if the ball at `c` is in front of it, to `SLACK_M`: it restricts
+    With `ease`, the plane for a ball at `x` is taken if the ball at `c` is in front of it, to `SLACK`: it restricts
     `x` least. Planes for `c` would stop a ball that slides over a fine mesh at every edge.
     """
     ball = world.ball[0]
     if ease:
-        _put_plane(world, i, x, False)
-        if _height(ball, i, c) >= -min(SLACK_M, SLACK * world.proxy[0].radius_m):
-            return _height(ball, i, x)
-    _put_plane(world, i, c, last)
-    return _height(ball, i, x)
+        above, above_c = _put_plane(world, i, x, c, False)
+    if not ease or above_c < -SLACK * world.proxy[0].radius_m:
+        _, above = _put_plane(world, i, c, x, last)
+    ball.height_m[i] = above
+    return float(above)
 
 
 @native
-def _put_plane(world: "World", i: int, c_W: Vector, last: bool) -> None:
-    """Compute the plane of entry `i` of the front for a ball at `c_W`; see `_project` for `last`."""
+def _put_plane(world: "World", i: int, c_W: Vector, x_W: Vector, last: bool) -> tuple[float, float]:
+    """Compute the plane of entry `i` of the front for a ball at `c_W`; see `_project` for `last`.
+
+    Returns the heights of `c_W` and of `x_W` above it [m].
+    """
     ball, body = world.ball[0], world.bodies[world.ball[0].body[i]]
     node = ball.node[i]
     c = to_body_last(body, c_W) if last and body.moved == 1 else to_body(body, c_W)
     normal = (0.0, 0.0, 0.0)
     if node >= 0:
-        q = closest_on_cylinder(world.tree[body.tree + node], c)
+        away = way_from_cylinder(world.tree[body.tree + node], c)
     else:
         u, v, w = corners(world, body, -1 - node)
-        q, normal = closest_point(u, v, w, c), cross(sub(v, u), sub(w, u))
-    n = sub(c, q)
+        away, normal = sub(c, closest_point(u, v, w, c)), cross(sub(v, u), sub(w, u))
+    q = sub(c, away)
     ball.stamp[i] = ball.now
+    n = away
     if dot(n, n) == 0.0:  # inside a cylinder, or on a face
         ball.plane[3, i] = math.inf
         if node >= 0:
-            return
+            return -math.inf, -math.inf
         n = normal
-    length = norm(n)
+    length, radius_m = norm(n), world.proxy[0].radius_m
+    above_c, above_x = dot(n, away) / length - radius_m, dot(n, sub(to_body(body, x_W), q)) / length - radius_m
     n = (n[0] / length, n[1] / length, n[2] / length)
-    offset = dot(n, q) + world.proxy[0].radius_m
+    offset = dot(n, q) + radius_m
     n, o = turn_to_world(body, n), body.p_WB_m
     for j in range(3):
         ball.plane[j, i] = n[j]
     ball.plane[3, i] = offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2]
+    return above_c, above_x
 
 
 @inlined
@@ -330,18 +357,22 @@ def _ahead(world: "World", c: Vector, x: Vector, ratio: float) -> Vector:
 
 
 @native
-def _renew_planes(world: "World", c: Vector) -> bool:
-    """Renew the planes that hold the ball for a centre at `c`; return whether the solution can change by more than
-    `SETTLED_M`."""
+def _renew_planes(world: "World", c: Vector, start_W: Vector) -> bool:
+    """Renew the planes that hold the ball for a centre at `c`, unless the ball at `start_W` is behind the new plane.
+
+    Returns whether the solution can change by more than `SETTLED_M`.
+    """
     proxy, ball = world.proxy[0], world.ball[0]
     change_m = 0.0
     for k in range(proxy.count):
         i = proxy.met[k]
-        _put_plane(world, i, c, False)
-        turn2, above = 0.0, -ball.plane[3, i]
+        above, above_start = _put_plane(world, i, c, start_W, False)
+        if above_start < min(above, 0.0) - SLACK * proxy.radius_m:
+            ball.stamp[i] = -1
+            continue
+        turn2 = 0.0
         for j in range(3):
             turn2 += (ball.plane[j, i] - proxy.nhat_W[k, j]) ** 2
-            above += ball.plane[j, i] * c[j]
             proxy.nhat_W[k, j] = ball.plane[j, i]
         proxy.offset_m[k] = ball.plane[3, i]
         change_m = max(change_m, above + math.sqrt(turn2) * proxy.push_m[k])

@@ -18,7 +18,7 @@ from hapscene.compiled.native import native
 from hapscene.contact.triangle import is_narrow
 from hapscene.geometry import Vector, along, cross, dot, norm, row, sub
 
-__all__ = ["LEAF_MAX", "build_tree", "closest_on_cylinder", "fit_cylinders"]
+__all__ = ["LEAF_MAX", "build_tree", "fit_cylinders", "way_from_cylinder"]
 
 LEAF_MAX: Final = 4
 """Most faces of a leaf [count]."""
@@ -188,16 +188,13 @@ def _fit_cylinder(corners_m: NDArray[np.float64], faces: NDArray[np.int32], node
 
 
 @native
-def closest_on_cylinder(node: NDArray[np.float32], p: Vector) -> Vector:
-    """Return the point of a cylinder (8,) closest to `p`, which is `p` itself inside."""
-    axis = (float(node[3]), float(node[4]), float(node[5]))
+def way_from_cylinder(node: NDArray[np.float32], p: Vector) -> Vector:
+    """Return the way from the closest point of a cylinder (8,) to `p`, which is 0 inside."""
+    axis, radius, half = (float(node[3]), float(node[4]), float(node[5])), float(node[6]), float(node[7])
     away = sub(p, (float(node[0]), float(node[1]), float(node[2])))
     height = dot(axis, away)
     beside = along(away, -height, axis)
-    beside_m = norm(beside)
-    q = p
-    if beside_m > node[6]:
-        q = along(q, node[6] / beside_m - 1.0, beside)
-    if abs(height) > node[7]:
-        q = along(q, math.copysign(node[7], height) - height, axis)
-    return q
+    beside2 = dot(away, away) - height * height  # not from `beside`, for which the processor would have to wait
+    out = 1.0 - radius / math.sqrt(beside2) if beside2 > radius * radius else 0.0
+    up = height - math.copysign(half, height) if abs(height) > half else 0.0
+    return out * beside[0] + up * axis[0], out * beside[1] + up * axis[1], out * beside[2] + up * axis[2]

@@ -164,6 +164,7 @@ BALL: Final = np.dtype(
         ("count", "i8"),
         ("plane", "f8", (4, FRONT_MAX)),  # nhat and offset
         ("height_m", "f8", (FRONT_MAX,)),  # scratch: height of a position above each plane
+        ("violated", "i8", (FRONT_MAX,)),  # scratch: entries whose plane a position violates
         ("body", "i8", (FRONT_MAX,)),
         ("node", "i8", (FRONT_MAX,)),  # node of the tree, or −1 − face
         ("stamp", "i8", (FRONT_MAX,)),  # number of the position of the tip for which the plane was computed

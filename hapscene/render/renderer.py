@@ -390,6 +390,11 @@ class Renderer:
         for index, swatch in enumerate(scene.swatches):
             put_numbers(surface, self._effects, index, fit.given[index])
             found = [str(clip) for clip in fit.clips(index) if clip.reported]
+            for effect in self._contact_effects:
+                known = [param.name for param in effect.params]
+                for name in sorted({*swatch.effects.get(effect.name, ())} - {*known}):
+                    wrong = no_such("parameter", name, known)
+                    found.append(f"swatch {swatch.name!r}: effect {effect.name!r} has {wrong}")
             if swatch.texture is not None:
                 fold_kg, own_Ns_m = self.limits.fold_mass_kg, self.limits.own_damping_Ns_m
                 share = share_of(swatch.texture, fold_kg, own_Ns_m, self.tick_s)

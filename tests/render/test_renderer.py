@@ -289,6 +289,12 @@ def test_a_transposed_pose_is_refused():
         assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB.T}).flags == Flag.POSE_REFUSED
 
 
+def test_a_parameter_that_the_effect_does_not_have_is_reported():
+    bark = Swatch("bark", effects={"wall": {"dampng_Ns_m": 1.0}})
+    with pytest.warns(UserWarning, match=r"'bark'.*'wall'.*'dampng_Ns_m'.*did you mean 'damping_Ns_m'"):
+        hapscene.Renderer(scene(bark), ["wall"])
+
+
 def flat_scene() -> hapscene.Scene:
     import trimesh
 

@@ -16,7 +16,17 @@ from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 from hapscene_evidence.bench.case import RADIUS_M
-from hapscene_evidence.chart import acceleration_rate, compensator, force_rate, groove, mesh, run, stabiliser, texture
+from hapscene_evidence.chart import (
+    acceleration_rate,
+    compensator,
+    force_rate,
+    groove,
+    mesh,
+    run,
+    stabiliser,
+    texture,
+    tip,
+)
 from hapscene_evidence.chart.measuring import apart_jnd, stroke_path, texture_bands
 from hapscene_evidence.chart.texture_update import followed, held_error
 from hapscene_evidence.chart.touched_surface import SPHERE, closest_points, reduced, touched
@@ -104,6 +114,11 @@ def test_projection_converges_by_the_cosine_and_active_set_is_exact() -> None:
     one, next_ = (groove.error(20.0, steps)["off"] for steps in (10, 11))
     assert next_ / one == pytest.approx(math.cos(math.radians(20.0)), rel=1e-6)
     assert groove.error(20.0, 0)["off"] == groove.ROUNDING_M * 1e3
+
+
+def test_point_sinks_deeper_into_a_groove_than_a_ball() -> None:
+    assert tip.error(2e-3, ball=False)["off"] == pytest.approx(2.0 * (math.sqrt(2.0) - 1.0), rel=1e-6)
+    assert tip.error(2e-3, ball=True)["off"] < 1e-3
 
 
 @pytest.mark.parametrize("name", run.QUESTIONS)
