@@ -11,4 +11,5 @@
 | `remote_figure` | Fig. 8: two taps and five drags on wood by teleoperation |
 | `tap_study` | Section 2: realism ratings of taps, with simulated raters |
 | `paper_page` | the page |
+| `penn_toolkit` | laws of level and spectrum over force and speed, from models of another toolkit |
 """

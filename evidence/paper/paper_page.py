@@ -71,12 +71,28 @@ NOT_REPRODUCED: Final = (
     ("Figs. 2, 4, 5", "plastic, foam and organza; positions, taps and presses: not recorded"),
     ("Fig. 7", "real handle and hands: not available; the parameter values stand in the picture only"),
     ("Fig. 8", "real teleoperation, its phase lag and underactuation"),
-    ("Section 2", "ratings by people; a public online database (`hapscene swatch publish` writes its pages)"),
+    (
+        "Section 1",
+        "changes of a surface over time: `hapscene swatch compare` compares two swatches, no series is recorded",
+    ),
+    (
+        "Section 2",
+        "motion of the object; ratings by people; a public online database (`hapscene swatch publish` writes it)",
+    ),
     (
         "Section 3",
-        "models of contact angle, hand configuration and grip force, and of transitions between contact states",
+        "models of contact angle, hand configuration and grip force; of transitions between contact states, only taps, "
+        "leaving and breakaway are fitted",
     ),
-    ("Section 4", "demonstration to people; perceptual test of mapping three axes to one (DFT321 is used)"),
+    (
+        "Sections 3, 4, Prior Work",
+        "methods of other authors: automatic probes, bump maps, displacement control of a stylus",
+    ),
+    (
+        "Section 4",
+        "comparison with the original by people, who found surfaces harder; perceptual test of mapping three axes "
+        "to one (DFT321 is used)",
+    ),
 )
 """Parts of the paper that are not reproduced."""
 

@@ -146,9 +146,9 @@ def without_outliers(windows: AnalysisWindows) -> AnalysisWindows:
 
 EXPONENTS: Final = (0.47, 1.99)
 """Prior mean of the exponents of force and speed [1]: the mean of 89 surfaces of the Penn Haptic Texture Toolkit
-(Culbertson, López Delgado & Kuchenbecker 2014), corrected for estimation errors. In cross-validation over surfaces, the
-slow half of a recording predicted the level of the fast half with 3.0 dB rms; exponents of 1 and 1 gave 3.6 dB, a
-constant level 7.4 dB."""
+(Culbertson, López Delgado & Kuchenbecker 2014), corrected for estimation errors. In cross-validation over surfaces
+(`evidence/paper/penn_toolkit.py`), the slow half of a surface predicted the level of the fast half with 3.2 dB rms;
+exponents of 1 and 1 gave 4.7 dB, a constant level 7.9 dB."""
 
 EXPONENT_SPREADS: Final = (0.47, 0.74)
 """Prior standard deviations of the exponents [1], from the same surfaces."""

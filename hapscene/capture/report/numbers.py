@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.order import OrderSearch, search_order
@@ -12,6 +13,7 @@ from hapscene.capture.fit.swatch import FitOptions, fit_swatch
 from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.io.recording import SurfaceRecording
 from hapscene.capture.io.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of
+from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
@@ -25,7 +27,13 @@ RUN_S: Final = 0.1
 """Shortest run of sliding that is used [s]: a window of the spectrum."""
 
 REPETITIONS: Final = 8
-"""Number of syntheses from which the amplitude modulation of the model is averaged."""
+"""Number of syntheses from which the amplitude modulation of the model is averaged, and of stationary signals."""
+
+LAGS: Final = 100
+"""Lags of the residual that are tested [count]."""
+
+WHITE_ORDER: Final = 120
+"""Order at which the residual is tested [1]: that of the haptography paper, which leaves no spectral line."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,8 @@ class HeldOut:
         power of the model over that of the second half, 20 to 1000 Hz. halves_dB: power of the first half over that of
         the second. band_dB: (12,) level of the model over the second half in the bands of `BAND_EDGES_HZ`.
         halves_band_dB: (12,) level of the first half over the second half. modulation: depth of the amplitude
-        modulation of second half, model (mean) and first half [1].
+        modulation of second half, model (mean) and first half [1]. correlated: lags of the residual outside the 95 %
+        bounds, and the most of `REPETITIONS` stationary signals (`correlated_lags`).
     """
 
     frequency_Hz: Array
@@ -54,6 +63,7 @@ class HeldOut:
     band_dB: Array
     halves_band_dB: Array
     modulation: tuple[float, float, float]
+    correlated: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -160,4 +170,26 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
         band_dB=10.0 * np.log10(band / own_band),
         halves_band_dB=10.0 * np.log10(fitted_band / own_band),
         modulation=(recorded_depth, model_depth, fitted_depth),
+        correlated=_correlated(channels.acceleration_m_s2, rate),
     )
+
+
+def _correlated(signal: Array, rate_Hz: float) -> tuple[int, int]:
+    """`correlated_lags` of a signal, and the most of stationary signals of its length with the model of its half."""
+    found, a = correlated_lags(signal, rate_Hz)
+    noise = (np.random.default_rng(seed).standard_normal(len(signal)) for seed in range(REPETITIONS))
+    return found, max(correlated_lags(lfilter([1.0], a, e), rate_Hz)[0] for e in noise)
+
+
+def correlated_lags(signal: Array, rate_Hz: float) -> tuple[int, Array]:
+    """Lags, of the first `LAGS`, at which the second half of a signal is predictable, and the predictor (p + 1,).
+
+    The AR model of the first half filters the second half. White noise has 95 % of its autocorrelations within
+    ±1.96/√n (Box & Jenkins 1970). More are outside because the first half determines the model with an error, and
+    because the halves differ.
+    """
+    middle, order = len(signal) // 2, min(WHITE_ORDER, len(signal) // 16)
+    a = solve(autocorrelation(tapered(signal[:middle], rate_Hz), order))
+    residual = lfilter(a, [1.0], signal[middle:])[order:]
+    r = autocorrelation(residual, LAGS)
+    return int(np.count_nonzero(np.abs(r[1:]) > 1.96 / np.sqrt(len(residual)) * r[0])), a

@@ -15,7 +15,7 @@ from hapscene.capture.fit.swatch import prepare
 from hapscene.capture.fit.verdict import verdict
 from hapscene.capture.io.recording import WORDS, SurfaceRecording
 from hapscene.capture.io.streams import Array
-from hapscene.capture.report.numbers import Comparison, HeldOut, compare_with_recording
+from hapscene.capture.report.numbers import LAGS, WHITE_ORDER, Comparison, HeldOut, compare_with_recording
 from hapscene.capture.report.plots import (
     Plot,
     plot_friction,
@@ -42,8 +42,9 @@ MODULATION_RATIO: Final = 1.6
 DISTANCE_RATIO: Final = 1.1
 """Largest accepted spectral distance, relative to the distance at the best order or between the two halves [1]."""
 
-MARKS: Final = {"good": "✓ good", "equal": "≈ as the halves", "short": "✗ insufficient"}
-"""Labels of the grades: imperceptible; perceptible, but no larger than between the halves; larger."""
+MARKS: Final = {"good": "✓ good", "equal": "≈ as the halves", "short": "✗ insufficient", "unsteady": "≈ unsteady hand"}
+"""Labels of the grades: imperceptible; perceptible, but no larger than between the halves; larger. The last one is not
+perceptible, and does not count in the verdict."""
 
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Content security policy: scripts and network access are forbidden even if a text were not escaped."""
@@ -132,6 +133,7 @@ def rows(comparison: Comparison) -> list[Row]:
     allowed = DISTANCE_RATIO * max(best_dB, held.floor_dB)
     near, in_bands = held.distance_dB <= allowed, not np.any(np.abs(held.band_dB) > BAND_DB)
     recorded, played, fitted = held.modulation
+    lags, steady = held.correlated
     ratio, halves = (abs(float(np.log(max(x, 1e-9) / max(recorded, 1e-9)))) for x in (played, fitted))
     return [
         Row(
@@ -154,6 +156,13 @@ def rows(comparison: Comparison) -> list[Row]:
             f"{recorded:.2f} in the second half, within a factor of {MODULATION_RATIO:g} or as in the first half "
             f"({fitted:.2f})",
             _grade(ratio <= np.log(MODULATION_RATIO), ratio <= halves),
+        ),
+        Row(
+            f"whiteness: lags of the residual outside the 95 % bounds, order {WHITE_ORDER}",
+            f"{lags} of {LAGS}",
+            f"at most {steady}, as stationary vibration of this length; more means that the hand does not move "
+            "steadily, so that the halves differ. Not felt: does not count",
+            "good" if lags <= steady else "unsteady",
         ),
         bands,
     ]

@@ -15,7 +15,7 @@ from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.io.recording import SurfaceRecording
 from hapscene.capture.io.streams import Streams, clean
 from hapscene.capture.report import plots as report_plots
-from hapscene.capture.report.numbers import compare_with_recording, spectrum_along
+from hapscene.capture.report.numbers import _correlated, compare_with_recording, spectrum_along
 from hapscene.capture.report.page import _verdict, report, rows, write_report
 from hapscene.capture.report.plots import (
     plot_friction,
@@ -91,8 +91,25 @@ def test_a_fit_to_a_known_surface_is_usable(swatch: Swatch, recording: SurfaceRe
     held = comparison.held_out
     assert held is not None
     assert held.distance_dB < held.floor_dB and abs(held.level_dB) < 0.4
-    assert [row.grade for row in rows(comparison)] == ["good"] * 5
+    assert [row.grade for row in rows(comparison)] == ["good"] * 6
     assert _verdict(swatch, comparison, rows(comparison), "").startswith("usable: ")
+
+
+def test_a_hand_that_does_not_move_steadily_is_named_and_does_not_count(
+    swatch: Swatch, recording: SurfaceRecording
+) -> None:
+    """The bounds are those of stationary signals; the second half of another one has one more pole."""
+    rng = np.random.default_rng(2)
+    steady = lfilter([1.0], A, rng.standard_normal(12_000))
+    moved = np.concatenate((steady[:6000], lfilter([1.0], np.convolve(A, [1.0, 0.5]), rng.standard_normal(6000))))
+    (found, bound), (off, _) = _correlated(steady, RATE), _correlated(moved, RATE)
+    assert 5 <= found <= bound < off  # of 100: 5 by chance, more by the error of 120 coefficients
+    channels = clean(recording.acceleration_m_s2, RATE, recording.force_N, recording.speed_m_s)
+    comparison = compare_with_recording(swatch, channels, segment(channels))
+    assert comparison.held_out is not None
+    unsteady = rows(replace(comparison, held_out=replace(comparison.held_out, correlated=(60, 20))))
+    assert [row.grade for row in unsteady].count("unsteady") == 1
+    assert _verdict(swatch, comparison, unsteady, "") == _verdict(swatch, comparison, rows(comparison), "")
 
 
 def test_a_swatch_of_another_surface_is_insufficient(swatch: Swatch, recording: SurfaceRecording) -> None:

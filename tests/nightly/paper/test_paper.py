@@ -13,7 +13,7 @@ from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant
 from hapscene_evidence.bench.teleoperation import Rendering
-from hapscene_evidence.paper import handle_figure
+from hapscene_evidence.paper import handle_figure, penn_toolkit
 from hapscene_evidence.paper.handle_figure import CORNER_HZ, Trials, approximated, misfit_dB
 from hapscene_evidence.paper.interpolation_table import FITTED, ar_from_cepstrum, cepstrum, interpolation_errors
 from hapscene_evidence.paper.material import load_materials
@@ -159,3 +159,18 @@ def test_page_is_self_contained_and_escaped() -> None:
 def test_commands_of_table_one_exist(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*command.split()[1:], "--help"]) == 0
     assert command in capsys.readouterr().out
+
+
+def test_law_of_moving_spectra_is_found() -> None:
+    """Surfaces with a line at 150 to 250 Hz, which moves as the square root of the speed."""
+    rng = np.random.default_rng(0)
+    surfaces = []
+    for _ in range(4):
+        places, line = rng.uniform(-0.7, 0.7, (7, 2)), np.log(rng.uniform(150.0, 250.0))
+        spectra = -20.0 * np.abs(penn_toolkit.LOG_HZ - line - 0.5 * places[:, 1:]) + 9.0 * places[:, 1:]
+        surfaces.append((places, spectra))
+    still, _, moving, _ = penn_toolkit.spectrum_errors(surfaces).items()
+    assert "γ = 0.50" in moving[0] and moving[1] < 0.25 * still[1]  # the ends of the band are unknown
+    levels = penn_toolkit.level_errors(surfaces)
+    assert levels["exponents: mean"] == pytest.approx([0.0, 9.0 * np.log(10.0) / 10.0], abs=0.1)
+    assert levels["slow half → fast half"][2] < 0.1 * levels["slow half → fast half"][0]
