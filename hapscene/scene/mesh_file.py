@@ -3,14 +3,17 @@
 import io
 import logging
 import re
+import shutil
+import tempfile
 import warnings
-from pathlib import Path
+import weakref
+from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 import numpy as np
 
 from hapscene.errors import MeshError, warn
-from hapscene.io.files import read_bytes, refusing
+from hapscene.io.files import open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import (
@@ -25,7 +28,8 @@ from hapscene.scene.mesh import (
     unit_name,
 )
 from hapscene.scene.obj import read_obj
-from hapscene.scene.ply import add_look, declared_counts, ply_groups
+from hapscene.scene.off import read_off
+from hapscene.scene.ply import add_look, declared_counts, ply_groups, strips_to_faces
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import declared_by, faces_in, step_glb
 from hapscene.scene.topology import edges_of, weld
@@ -37,6 +41,9 @@ __all__ = ["FORMATS", "check", "files_of", "load_mesh"]
 
 FILE_MAX_B: Final = 4_000_000_000
 """Maximum size of a mesh file [bytes]."""
+
+UNPACKED_MAX_B: Final = 250_000_000
+"""Maximum unpacked size of an archive [bytes]."""
 
 MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
 """Measured memory use for each byte of a file [1]; text formats need the most."""
@@ -111,7 +118,7 @@ STEP: Final = ("step", "stp")
 Y_UP: Final = ("glb", "gltf")
 """Formats with y up (glTF 2.0, section 3.4). Other formats do not define it; z is assumed."""
 
-FORMATS: Final = (*UNITLESS, "glb", "gltf", *STEP)
+FORMATS: Final = (*UNITLESS, "glb", "gltf", *STEP, "zip")
 """Suffixes of the supported files."""
 
 
@@ -122,7 +129,7 @@ def load_mesh(
     up: str | None = None,
     scale: float = 1.0,
 ) -> Mesh:
-    """Load a mesh from STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP.
+    """Load a mesh from STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP, or from a zip archive with one such file.
 
     All objects in a file become one mesh, at their poses. Vertices and faces are not merged, dropped or reordered. The
     group name of a face consists of its object, group and material names in the file.
@@ -180,7 +187,7 @@ def files_of(path: Path) -> list[Path]:
         MeshError: as in `load_mesh`.
     """
     suffix, content, resolver = _open(path)
-    if suffix not in ("obj", "gltf"):
+    if suffix not in ("obj", "gltf") or path.suffix.lower() == ".zip":
         return []
     _read(path, suffix, content, resolver)
     return [file for file in dict.fromkeys(resolver.found) if file.is_relative_to(path.resolve().parent)]
@@ -207,7 +214,7 @@ def _step(path: Path, content: bytes, up: str, scale: float) -> Mesh:
 
 
 def _open(path: Path) -> tuple[str, bytes, FolderResources]:
-    """Return suffix and content of a mesh file, and the resolver of files beside it."""
+    """Return suffix and content of a mesh file or of the mesh in an archive, and the resolver of files beside it."""
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         raise MeshError(f"{path}: unsupported mesh format {path.suffix!r}; expected one of: {', '.join(FORMATS)}")
@@ -215,7 +222,33 @@ def _open(path: Path) -> tuple[str, bytes, FolderResources]:
         content = read_bytes(path, FILE_MAX_B, "mesh file")
     if not content:
         raise MeshError(f"{path}: the file is empty")
-    return suffix, content, FolderResources(path, FILE_MAX_B)
+    return _unzip(path, content) if suffix == "zip" else (suffix, content, FolderResources(path, FILE_MAX_B))
+
+
+def _unzip(path: Path, content: bytes) -> tuple[str, bytes, FolderResources]:
+    """Unpack an archive that holds one mesh; the temporary folder is removed along with the resolver."""
+    with refusing(MeshError, str(path)):
+        archive = open_zip(io.BytesIO(content), UNPACKED_MAX_B, "unpack it and load the mesh file itself")
+    found = [n for n in archive.namelist() if _suffix(n) in FORMATS[:-1] and not n.startswith("__MACOSX")]
+    if len(found) != 1:
+        what = ", ".join(found[:5]) or "no mesh file"
+        raise MeshError(
+            f"{path}: expected one mesh file in the archive, found {what}; unpack the archive and load one file"
+        )
+    resources = FolderResources(path, UNPACKED_MAX_B)
+    try:
+        folder = Path(tempfile.mkdtemp()).resolve()
+        weakref.finalize(resources, shutil.rmtree, folder, ignore_errors=True)
+        archive.extractall(folder)
+        member = Path(archive.extract(found[0], folder))
+    except Exception as error:  # zipfile raises many classes for damaged or encrypted archives
+        raise MeshError(f"{path}: not a valid zip archive: {error}") from None
+    resources.folders = [member.parent, folder]
+    return _suffix(found[0]), member.read_bytes(), resources
+
+
+def _suffix(name: str) -> str:
+    return PurePosixPath(name).suffix.lower().lstrip(".")
 
 
 def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[list[Part], str | None]:
@@ -229,7 +262,9 @@ def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[li
     if suffix == "obj":
         return [read_obj(content, str(path), resolver)], None
     if suffix == "off":
-        return [_read_off(content, str(path))], None
+        return [read_off(content, str(path))], None
+    if suffix == "ply":
+        content = strips_to_faces(content, str(path))
     face_count = check(suffix, content, str(path))
     if suffix == "stl" and not _is_text(content):
         content = content[: _binary_end(content)]  # drop data that some programs append after the faces
@@ -244,37 +279,6 @@ def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[li
             if names and suffix == "ply":
                 add_look(part, content, loaded)
     return parts, loaded.units
-
-
-_OFF: Final = re.compile(r"[A-Z]*OFF\s+(\d{1,9})\s+(\d{1,9})(?:\s+\d+)?")
-
-
-def _read_off(content: bytes, where: str) -> Part:
-    """Read the triangles of an OFF file, with one line for each vertex and polygon; trimesh cannot read pentagons."""
-    from trimesh.geometry import triangulate_quads
-
-    texts = (line.partition("#")[0].strip() for line in content.decode("utf-8-sig", "replace").splitlines())
-    lines = [text for text in texts if text]
-    start = 2 if lines and len(lines[0].split()) == 1 else 1  # the counts may be in the line of the keyword
-    header = _OFF.fullmatch(" ".join(lines[:start]))
-    if header is None:
-        raise MeshError(f"{where}: not a valid OFF file: expected OFF and the numbers of vertices and faces")
-    vertex_count, face_count = int(header[1]), int(header[2])
-    rows = [line.split() for line in lines[start:]]
-    if len(rows) != vertex_count + face_count:
-        raise MeshError(
-            f"{where}: truncated or damaged: the header declares {vertex_count:,} vertices and {face_count:,} faces; "
-            f"expected a line for each, found {len(rows):,} lines"
-        )
-    try:
-        vertices = np.array([row[:3] for row in rows[:vertex_count]], np.float64).reshape(-1, 3)
-        polygons = [[int(token) for token in row[1 : int(row[0]) + 1]] for row in rows[vertex_count:]]
-        if any(len(polygon) < max(3, int(row[0])) for polygon, row in zip(polygons, rows[vertex_count:], strict=True)):
-            raise ValueError("a polygon has fewer corners than it declares")
-        faces = np.asarray(triangulate_quads(polygons)).reshape(-1, 3)
-    except (ValueError, OverflowError) as error:
-        raise MeshError(f"{where}: not a valid OFF file: {error}") from None
-    return Part(vertices, faces, np.zeros(len(faces), np.int16), [UNNAMED])
 
 
 def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:

@@ -1,9 +1,11 @@
 """Loading of all mesh formats, and errors for damaged files."""
 
+import io
 import logging
 import re
 import tracemalloc
 import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -76,10 +78,21 @@ def test_faces_are_preserved(tmp_path):
         np.testing.assert_array_equal(mesh.vertices_m, vertices)
 
 
+def test_zip_with_material_library(tmp_path):
+    with zipfile.ZipFile(tmp_path / "box.zip", "w") as archive:
+        archive.writestr("in/box.obj", "mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n")
+        archive.writestr("in/box.mtl", "newmtl red\nKd 1 0 0\n")
+    mesh = load_mesh(tmp_path / "box.zip", "cm")
+    assert mesh.group_names == ("red",) and mesh.colour_rgb.tolist() == [[255, 0, 0]]
+    with pytest.raises(MeshError, match="unit"):
+        load_mesh(tmp_path / "box.zip")
+
+
 REAL = {
     "featuretype.STEP": (None, 8326, (0.127, 0.0635, 0.034925)),  # in inches
     "bunny.ply": ("m", 16301, (0.1555062, 0.15325391, 0.1205631)),
     "groups.obj": ("mm", 2308, (0.00942517, 0.00493561, 0.004)),
+    "fuze.zip": ("m", 1000, (0.072612, 0.073514, 0.215128)),
     "Duck.glb": (None, 4212, (1.65478397, 1.15253393, 1.54040628)),
 }
 
@@ -120,19 +133,30 @@ def ply(vertices="0 0 0\n1 0 0\n0 1 0\n", faces="3 0 1 2\n", vertex_count=3, fac
     ).encode()
 
 
-SUFFIXES = ("stl", "obj", "ply", "off", "glb", "gltf", "step")
+def zipped(**members: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name.replace("_", "."), content)
+    return stream.getvalue()
+
+
+SUFFIXES = ("stl", "obj", "ply", "off", "glb", "gltf", "step", "zip")
 
 BROKEN = {
     "missing.stl": None,
     "no_format.txt": b"hello",
-    "empty.stl": b"",
+    **{f"empty.{suffix}": b"" for suffix in ("stl", "zip")},
     **{f"text.{s}": b"This is no mesh, it is a letter.\n" * 9 for s in SUFFIXES},
     "cut.stl": ball("stl")[:-200],
     "cut.ply": ball("ply")[:-200],
     "cut.off": ball("off")[: -len(ball("off")) // 3],
     "cut.glb": ball("glb")[:-200],
     "no_shape.step": b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n",
+    "cut.zip": zipped(ball_stl=ball("stl"))[:-30],
     "cut_line.obj": ball("obj")[:-6],
+    "no_mesh.zip": zipped(letter_txt=b"hello"),
+    "two.zip": zipped(a_stl=ball("stl"), b_stl=ball("stl")),
     "nan.ply": ply(vertices="0 0 0\nnan 0 0\n0 1 0\n"),
     "inf.obj": b"v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n",
     "no_faces.ply": ply(faces="", face_count=0),
@@ -209,7 +233,9 @@ FACES_OFF = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 1 2 3\n3 0 2 3\n"
     [
         f"\n\n  \n# OFF of a program\n\n OFF # comment\n\n4 4 6\n{FACES_OFF}\n# end\n",
         f"OFF 4 4 6\n{FACES_OFF}",
+        f"OFF\n4\n4\n6\n{FACES_OFF}",
         f"COFF\n4 4\n{FACES_OFF}".replace("0 0 1\n", "0 0 1 255 0 0 255\n").replace("3 0 2 3", "3 0 2 3  255 0 0"),
+        "OFF\n4 4 6\n" + FACES_OFF.replace("3 0 1 3", "3\n0 1\n\n3 # comment").replace("1 0 0", "1\n0 0"),
     ],
 )
 def test_off_layouts(tmp_path, content):
@@ -219,10 +245,12 @@ def test_off_layouts(tmp_path, content):
     assert mesh.vertices_m.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
-@pytest.mark.parametrize("counts", ["4 2 6", "4 5 6", "3 4 6", "5 4 6", "x 4 6"])
-def test_off_with_wrong_counts_raises(tmp_path, counts):
+@pytest.mark.parametrize(
+    ("counts", "line"), [("4 2 6", 9), ("4 5 6", None), ("3 4 6", 6), ("5 4 6", None), ("x 4 6", 2)]
+)
+def test_off_with_wrong_counts_raises(tmp_path, counts, line):
     (tmp_path / "a.off").write_text(f"OFF\n{counts}\n{FACES_OFF}")
-    with pytest.raises(MeshError, match=r"a\.off"):
+    with pytest.raises(MeshError, match=r"a\.off" if line is None else f"line {line}:"):
         load_mesh(tmp_path / "a.off", "m")
 
 
@@ -236,6 +264,26 @@ def test_mesh_far_from_origin_raises(tmp_path):
     with pytest.raises(MeshError, match="vertex 0"):
         load_mesh(tmp_path / "far.obj", "m")
     assert load_mesh(tmp_path / "far.obj", "mm").bounds_m[0, 2] == 20.0
+
+
+def packed(content: bytes, member: str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(member, content)
+    return stream.getvalue()
+
+
+def test_zip_bomb_raises_without_allocation(tmp_path):
+    bomb = packed(bytes(20_000_000), "ball.stl")
+    (tmp_path / "stl.zip").write_bytes(bomb)
+    assert len(bomb) < 150_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(MeshError, match="20,000,000"):
+            load_mesh(tmp_path / "stl.zip", "m")
+        assert tracemalloc.get_traced_memory()[1] < 2e6
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("header", [b"", b"solid made of"])
@@ -269,6 +317,12 @@ def test_trimesh_log_is_not_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(logging.root, "handlers", [])  # pytest's own
     assert len(load_mesh(tmp_path / "a.stl", "mm").faces) == 12
     assert capsys.readouterr().err == ""
+
+
+def test_off_file_with_too_long_line_raises(tmp_path):
+    (tmp_path / "a.off").write_bytes(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000 " + b"0 " * 1_000_000 + b"\n")
+    with pytest.raises(MeshError, match="longer"):
+        load_mesh(tmp_path / "a.off", "m")
 
 
 def test_missing_material_file_is_reported(tmp_path: Path) -> None:
