@@ -546,7 +546,8 @@ class Renderer:
         Args:
             p_WT: (3,) device position [m]; or (4, 4) pose of the tool, whose orientation effects read as `touch.R_WT`
                 until the next pose.
-            poses: poses of the bodies that move, {body: X_WB (4, 4)} or the result of `moving_bodies`.
+            poses: poses of the bodies that move, {body: X_WB (4, 4)} or the result of `moving_bodies`, which is two to
+                three times as fast with many bodies.
 
         Returns:
             Command, whose arrays are copies.
