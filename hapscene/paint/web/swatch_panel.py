@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
-from hapscene.paint.web.context import PageContext, aria, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.material import read_picture
 from hapscene.surface.look import Look, picture_png
@@ -49,19 +49,18 @@ class SwatchPanel:
     The cards are custom HTML, whose buttons call `act` through swatch_library.js.
 
     Args:
-        context: the page.
+        context: the browser.
         container: the tab.
     """
 
-    def __init__(self, context: PageContext, container: Any) -> None:
+    def __init__(self, context: ClientContext, container: Any) -> None:
         self._context = context
         self._cards: list[Card] = []
         self._shown_for: tuple[Any, ...] = ()
-        self._balls: dict[tuple[Any, ...], str] = {}
         self._drawing: Future[None] | None = None
         self._shown_cards: Sequence[Card] = ()
         self._where = ALL
-        gui, callback = context.server.gui, context.callback
+        gui, callback = context.gui, context.callback
         with container, gui.add_folder("Swatches"):
             self._search = gui.add_text("Search", "", hint="A name, a word or a bound, such as rough or friction<0.3")
             self._search.on_update(callback(lambda target: self.show()))
@@ -114,7 +113,7 @@ class SwatchPanel:
         try:
             return all_cards(scene)
         except SwatchError as error:
-            self._context.socket.say(str(error), "error")
+            self._context.say(str(error), "error")
             return scene_cards(scene)
 
     def _match(self) -> tuple[list[Card], str]:
@@ -130,8 +129,10 @@ class SwatchPanel:
         """Show the cards; previews that are not cached are rendered in a thread and shown later."""
         self._shown_cards = shown
         keys = [self._ball_key(card) for card in shown]
-        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._balls]
-        cards = "".join(self._card_html(card, self._balls.get(key, "")) for key, card in zip(keys, shown, strict=True))
+        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._context.previews]
+        cards = "".join(
+            self._card_html(card, self._context.previews.get(key, "")) for key, card in zip(keys, shown, strict=True)
+        )
         set_html(self._list, f'<ul class="hs-library" aria-label="Swatches">{cards}</ul>' if cards else "")
         if self._drawing is not None:
             self._drawing.cancel()
@@ -142,7 +143,7 @@ class SwatchPanel:
 
     async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
         for key, card in missing[:BALLS_AT_ONCE]:
-            self._balls[key] = await asyncio.to_thread(_ball, card, key[-1])
+            self._context.previews[key] = await asyncio.to_thread(_ball, card, key[-1])
         if shown is self._shown_cards:  # a cancellation may come too late to stop the previews of an earlier list
             self._drawing = None
             self._show_cards(shown)  # renders the next ones
@@ -244,15 +245,15 @@ class SwatchPanel:
     async def _play(self, card: Card) -> None:
         """Play the sound of a tap and a stroke in the browser."""
         sound = await asyncio.to_thread(swatch_sound, card.swatch)
-        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain)
+        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain, self._context.client.client_id)
         silent = f"{card.name} makes no sound: it has neither a texture nor taps."
-        self._context.socket.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
+        self._context.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
 
     def _edit(self, card: Card) -> None:
         """Open a dialog to rename, tag, move or delete a swatch of the user's library."""
         if card.own is None:
             raise SwatchError(f"{card.name!r} is not in your library: use Save as new in the tab Haptics first")
-        gui, callback = self._context.server.gui, self._context.callback
+        gui, callback = self._context.gui, self._context.callback
         modal = self._context.open_dialog(f"Edit {card.name}")
 
         def save(target: Any) -> None:
@@ -268,7 +269,7 @@ class SwatchPanel:
                 return
             library.remove(card.name)
             self._let_go(card, card.name)
-            self._context.socket.say(f"Deleted {card.name!r} from your library.")
+            self._context.say(f"Deleted {card.name!r} from your library.")
             self._context.close_dialog(modal)
 
         with modal:
@@ -303,7 +304,7 @@ class SwatchPanel:
         self._search.value, self._where = "", ALL
         self.show(True)
         self._use(self._card(names[0]))
-        self._context.socket.say(f"Added to your library: {', '.join(names)}.")
+        self._context.say(f"Added to your library: {', '.join(names)}.")
         self._context.refresh()
 
     async def take_picture(self, files: Sequence[Path]) -> None:
@@ -316,7 +317,7 @@ class SwatchPanel:
         made = await asyncio.to_thread(lambda: picture_png(read_picture(file)))
         tools = self._context.tools
         self._context.session.tuning.set_picture(tools.ensure_swatch(), made)
-        self._context.socket.say(f"Set the picture of {tools.chosen} to {file.name}.")
+        self._context.say(f"Set the picture of {tools.chosen} to {file.name}.")
         self._context.refresh()
 
 
