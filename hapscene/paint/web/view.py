@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.exchange.gltf import look_glb, picture_glb
+from hapscene.loop import ServoState
 from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.model.display import ChunkKey, Display, ShownBody
 from hapscene.paint.model.mesh import Hit, project_to_surface
@@ -16,8 +17,11 @@ from hapscene.paint.model.painting import Changes, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.mesh import Mesh
+from hapscene.view.camera import facing
 from hapscene.view.feel_layer import OPACITY, Show, grain_of
-from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
+from hapscene.view.figure_parts import STYLUS, TOOL_LENGTH, TOOL_R_WT
+from hapscene.view.palette import FORCE, LIGHT, OKABE_ITO, distinct_colours, linear, rgb
+from hapscene.view.triangles import lathe
 
 __all__ = ["VIEWS", "Pointer", "SceneView", "ToolMarks", "rgb_bytes", "rotation"]
 
@@ -329,20 +333,20 @@ class SceneView:
 
     # --- markers ---
 
-    def show_touch(self, p_WT_m: Vector | None, p_WP_m: Vector | None = None, f_W_N: Vector | None = None) -> None:
-        """Show tool, proxy and force of a touch; None hides them."""
+    def show_touch(self, state: ServoState | None) -> None:
+        """Show stylus, proxy and force of a touch; None hides them. Simulated devices have no orientation."""
         for mark in (self._tool, self._proxy, self._arrow):
-            mark.visible = p_WT_m is not None
-        if p_WT_m is None or p_WP_m is None or f_W_N is None:
+            mark.visible = state is not None
+        if state is None:
             return
-        self._tool.position = self.to_view(p_WT_m)
-        self._proxy.position = self.to_view(p_WP_m)
-        size_N = float(np.linalg.norm(f_W_N))
+        self._tool.position = self.to_view(state.p_WT_m)
+        self._proxy.position = self.to_view(state.p_WP_m)
+        size_N = float(np.linalg.norm(state.f_W_N))
         self._arrow.visible = size_N > 0.01
         if size_N > 0.01:
             length = SHOWN / 8 * size_N / ARROW_N
-            self._arrow.position = self.to_view(p_WP_m)
-            self._arrow.wxyz = _turn_to(f_W_N / size_N)
+            self._arrow.position = self.to_view(state.p_WP_m)
+            self._arrow.wxyz = quaternion(facing(state.f_W_N))
             self._arrow.scale = (1.0, 1.0, length)
 
     def show_handles(self, X_WG: NDArray[np.float64] | None, moved: Callable[[str, NDArray[np.float64]], None]) -> None:
@@ -413,7 +417,11 @@ class SceneView:
 
     def _make_marks(self) -> None:
         scene, size = self._server.scene, SHOWN / 120
-        self._tool = scene.add_icosphere("/mark/tool", size, _rgb(OKABE_ITO["black"]), opacity=0.55, cast_shadow=False)
+        corners = lathe([(SHOWN * TOOL_LENGTH * r, SHOWN * TOOL_LENGTH * z) for r, z in STYLUS], LIGHT.tool).corner_m
+        faces, grey = np.arange(len(corners)).reshape(-1, 3), _rgb(LIGHT.tool)
+        self._tool = scene.add_mesh_simple(
+            "/mark/tool", corners, faces, color=grey, wxyz=quaternion(TOOL_R_WT), cast_shadow=False
+        )
         self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
         up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
         head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
@@ -490,15 +498,6 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 def _linear(colour: str) -> tuple[int, int, int]:
     """A colour "#rrggbb" as bytes of linear light, which viser expects for arrows."""
     return rgb_bytes(linear(rgb(colour)))
-
-
-def _turn_to(nhat: Vector) -> Vector:
-    """Quaternion (w, x, y, z) of the shortest rotation from the z axis to a unit vector."""
-    w = 1.0 + float(nhat[2])
-    if w < 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    turn = np.array([w, -nhat[1], nhat[0], 0.0])
-    return np.asarray(turn / np.linalg.norm(turn))
 
 
 def _rotation(wxyz: Vector) -> Vector:

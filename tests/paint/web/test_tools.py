@@ -7,7 +7,11 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
+from scipy.spatial.transform import Rotation
+
 import hapscene
+from hapscene.flags import Flag
+from hapscene.loop import ServoState
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tools import RADIUS_SHARE
@@ -199,6 +203,20 @@ def test_region_is_displayed_from_the_press_on(page: Page, tab: Tab, tool: str, 
         tab.settle()
         seen.append(bool(node.visible))
     assert seen == [False, True, False] and node.name == mark
+
+
+def test_the_stylus_points_as_in_pictures(page: Page, tab: Tab) -> None:
+    state = ServoState(
+        5, TOP, TOP, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -2.0]), 0.0, 0.0, True, 0, 0, 0, Flag(0)
+    )
+    view = page.context.view
+    view.show_touch(state)
+    tool, arrow = (Rotation.from_quat(mark.wxyz, scalar_first=True) for mark in (view._tool, view._arrow))
+    along = np.array([0.8, 0.4, 1.0])
+    np.testing.assert_allclose(tool.apply((0, 0, 1)), along / np.linalg.norm(along), atol=1e-6)
+    np.testing.assert_allclose(view._tool.position, view.to_view(TOP))
+    np.testing.assert_allclose(arrow.apply((0, 0, 1)), (0, 0, -1), atol=1e-6)
+    assert view._tool.vertices[:, 2].min() == 0.0 and tab.nodes["/mark/tool"]  # the tip is the origin
 
 
 def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
