@@ -30,7 +30,8 @@ const small = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: t
 window.pixelAt = (x, y) => {
   const canvas = document.querySelector("canvas[data-engine]"), box = canvas.getBoundingClientRect();
   small.clearRect(0, 0, 1, 1);
-  small.drawImage(canvas, (x - box.left) * canvas.width / box.width, (y - box.top) * canvas.height / box.height, 1, 1, 0, 0, 1, 1);
+  const scale = canvas.width / box.width;
+  small.drawImage(canvas, (x - box.left) * scale, (y - box.top) * scale, 1, 1, 0, 0, 1, 1);
   return [...small.getImageData(0, 0, 1, 1).data];
 };
 let pressed = Infinity;
@@ -39,7 +40,8 @@ window.timeClick = (x, y) => new Promise((done) => {
   const before = window.pixelAt(x, y);
   pressed = Infinity;
   const look = () => {
-    const off = window.pixelAt(x, y).reduce((sum, v, i) => sum + Math.abs(v - before[i]), 0), took = performance.now() - pressed;
+    const off = window.pixelAt(x, y).reduce((sum, v, i) => sum + Math.abs(v - before[i]), 0);
+    const took = performance.now() - pressed;
     if (took > 0 && off > 60) done(took / 1000); else if (took > 5000) done(NaN); else setTimeout(look, 4);
   };
   look();
@@ -130,7 +132,7 @@ def main() -> None:
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as folder:
         options = ["--enable-unsafe-swiftshader", "--autoplay-policy=no-user-gesture-required"]
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=options)
-        print("| faces | usable after the command | after opening | click to pixel, median | gaps |\n|---|---|---|---|---|")
+        print("| faces | usable after the command | after opening | click to pixel | gaps |\n|---|---|---|---|---|")
         for faces in SPHERES:
             print(measure(browser, Path(folder), faces, PAINTING_S * (faces == SOUND_FACES)), flush=True)
         print(f"Load {os.getloadavg()[0]:.0f} on {os.cpu_count()} cores.")

@@ -38,9 +38,13 @@ LOOK: Final = ".look"
 DELETE: Final = "Delete"
 CONFIRM_DELETE: Final = "Delete permanently? Scenes that use it will lack it"
 
-PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
+IMPORT: Final = (
+    f'<div class="hs-library-bar"><button type="button" data-upload="{SUFFIX}" title="Add swatch files to your '
+    'library. You can also drop them onto the page">Import…</button></div>'
+)
+"""HTML of the import button."""
 
-ALL: Final = "all"
+PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
 
 
 class SwatchPanel:
@@ -59,12 +63,13 @@ class SwatchPanel:
         self._shown_for: tuple[Any, ...] = ()
         self._drawing: Future[None] | None = None
         self._shown_cards: Sequence[Card] = ()
-        self._where = ALL
         gui, callback = context.gui, context.callback
         with container, gui.add_folder("Swatches"):
-            self._search = gui.add_text("Search", "", hint="A name, a word or a bound, such as rough or friction<0.3")
+            self._search = gui.add_text(
+                "Search", "", hint="A name, a word, a source or a bound: rough, computed, friction<0.3"
+            )
             self._search.on_update(callback(lambda target: self.show()))
-            self._bar = gui.add_html("")
+            gui.add_html(IMPORT)
             self._detail = gui.add_html("")
             self._list = gui.add_html("")
             self._rest = gui.add_html("")
@@ -88,17 +93,12 @@ class SwatchPanel:
         elif swatches:  # reading the library again would take long
             new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
             self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
-        wanted = (self._context.tools.chosen, self._search.value, self._where)
+        wanted = (self._context.tools.chosen, self._search.value)
         if not (reload or swatches) and wanted == self._shown_for:
             return
         self._shown_for = wanted
         found, problem = self._match()
-        if self._where not in {ALL, *map(_place, self._cards)}:
-            self._where = ALL
-        if self._where != ALL:
-            found = [card for card in found if _place(card) == self._where]
         shown = found[:CARD_MAX]
-        set_html(self._bar, self._bar_html())
         chosen = next((card for card in self._cards if card.name == self._context.tools.chosen), None)
         set_html(self._detail, self._detail_html(chosen) if chosen else "")
         self._show_cards(shown)
@@ -167,17 +167,6 @@ class SwatchPanel:
             f'title="Play {name}">▶</button></li>'
         )
 
-    def _bar_html(self) -> str:
-        """HTML of the filter and the import button."""
-        places = dict.fromkeys([ALL, *(_place(card) for card in self._cards)])
-        items = "".join(f"<option{' selected' * (o == self._where)}>{escape_html(o)}</option>" for o in places)
-        where = f'<select data-library="where" title="Filter by source">{items}</select>'
-        return (
-            f'<div class="hs-library-bar"><label>Show {where}</label>'
-            f'<button type="button" data-upload="{SUFFIX}" title="Add swatch files to your library. You can also '
-            f'drop them onto the page">Import…</button></div>'
-        )
-
     def _detail_html(self, card: Card) -> str:
         """HTML of the description and the actions of the selected swatch."""
         try:
@@ -221,15 +210,13 @@ class SwatchPanel:
     # --- actions ---
 
     async def act(self, message: Mapping[str, Any]) -> None:
-        """Handle a message of a button or a selection of the panel.
+        """Handle a message of a button of the panel.
 
         Raises:
             SwatchError: there is no such swatch.
         """
-        what, value = message.get("act"), message.get("value")
-        if what == "where":
-            self._where = str(value)
-        elif what == "use":
+        what = message.get("act")
+        if what == "use":
             self._use(self._card(message.get("name")))
         elif what == "play":
             await self._play(self._card(message.get("name")))
@@ -301,7 +288,7 @@ class SwatchPanel:
         for file in files:
             swatch = await asyncio.to_thread(read_swatch, file)
             names.append(library.add(replace(swatch, name=_free_name(swatch.name))).name)
-        self._search.value, self._where = "", ALL
+        self._search.value = ""
         self.show(True)
         self._use(self._card(names[0]))
         self._context.say(f"Added to your library: {', '.join(names)}.")

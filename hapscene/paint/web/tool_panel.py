@@ -27,7 +27,7 @@ TOOL_HINTS: Final = {
 FORCE_N: Final = (0.1, 3.0)
 """Range of the force of the hand [N]: from a light touch to the maximum of the weakest supported device."""
 
-MIRRORS: Final = ("off", "x", "y", "z", "x y", "x z", "y z", "x y z")
+MIRRORS: Final = ("off", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
 
 class ToolPanel:
@@ -121,22 +121,16 @@ class ToolPanel:
     def _listen(self) -> None:
         callback, tools = self._context.callback, self._context.tools
 
-        def fill(target: Any) -> None:
-            tools.fill = target.value if target.value in FILLS else tools.fill
-
-        def occlusion(target: Any) -> None:
-            tools.ignore_occlusion = bool(target.value)
-
-        def mirror(target: Any) -> None:
-            if target.value in MIRRORS:
-                tools.mirrors = "" if target.value == MIRRORS[0] else target.value.replace(" ", "")
+        def choose(attribute: str, choices: tuple[Any, ...], target: Any) -> None:
+            if target.value in choices:
+                setattr(tools, attribute, "" if target.value == MIRRORS[0] else target.value)
 
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
-        self._mirrors.on_update(callback(mirror))
         self._layers.on_update(callback(lambda target: self._context.view.show_layers(target.value)))
-        self._occluded.on_update(callback(occlusion))
-        self._fill.on_update(callback(fill))
+        self._mirrors.on_update(callback(partial(choose, "mirrors", MIRRORS)))
+        self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
+        self._fill.on_update(callback(partial(choose, "fill", FILLS)))
 
     def _take_number(self, attribute: str, factor: float, slider: Any) -> None:
         tools = self._context.tools
