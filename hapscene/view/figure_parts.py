@@ -16,7 +16,16 @@ from hapscene.view.triangles import Shown, Triangles, joined, lathe, moved, tube
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["ARROW_SPACING", "PROXY_COLOUR", "FigureParts", "arrow_ticks", "make_figure_parts"]
+__all__ = [
+    "ARROW_SPACING",
+    "PROXY_COLOUR",
+    "STYLUS",
+    "TOOL_LENGTH",
+    "TOOL_R_WT",
+    "FigureParts",
+    "arrow_ticks",
+    "make_figure_parts",
+]
 
 PATH_RADIUS: Final = 2.2e-3
 """Radius of the path on the surface, relative to the diagonal of the scene [1]."""
@@ -33,8 +42,11 @@ ARROW_SPACING: Final = 0.035
 TOOL_LENGTH: Final = 0.22
 """Length of the tool, relative to the diagonal [1]."""
 
-TOOL_ALONG: Final = (0.8, 0.4, 1.0)
-"""Direction of the tool from its tip in W, as a right hand holds a pen; for devices that do not measure it."""
+STYLUS: Final = [(0.0, 0.0), (0.03, 0.2), (0.037, 0.3), (0.037, 0.97), (0.025, 1.0), (0.0, 1.0001)]
+"""Profile of the tool from its tip: radius and height, relative to its length [1]."""
+
+TOOL_R_WT: Final = facing(np.array((0.8, 0.4, 1.0)))
+"""Orientation of the tool, as a right hand holds a pen; for devices that do not measure it."""
 
 TOOL, PROXY, SHAFT, HEAD, BODIES = range(5)
 """Indices of the first parts; further parts of the bodies and segments of the path follow."""
@@ -54,7 +66,7 @@ class FigureParts:
     p_ST_m: NDArray[np.float64]
     """Device position (n, 3) [m]; n is 0 without a touch."""
     R_ST: NDArray[np.float64]
-    """Orientation of the tool (n, 3, 3): as measured, or along `TOOL_ALONG`."""
+    """Orientation of the tool (n, 3, 3): as measured, or `TOOL_R_WT`."""
     p_SP_m: NDArray[np.float64]
     """Proxy position (n, 3) [m]."""
     f_N: NDArray[np.float64]
@@ -133,7 +145,7 @@ def make_figure_parts(
     pieces: list[Triangles] = []
     if recording is not None:
         p_ST_m, p_SP_m, f_N = recording.p_WT_m - p_WS_m, recording.p_WP_m - p_WS_m, recording.f_W_N
-        held = np.broadcast_to(facing(np.array(TOOL_ALONG)), (len(recording), 3, 3))
+        held = np.broadcast_to(TOOL_R_WT, (len(recording), 3, 3))
         R_ST = held if recording.R_WT is None else recording.R_WT
         pieces = _path(recording, p_WS_m, PATH_RADIUS * size_m, piece_ticks)
     f_max_N = float(np.linalg.norm(f_N, axis=1).max(initial=0.0))
@@ -189,10 +201,9 @@ def _path(
 def _props(size_m: float, theme: Theme) -> list[Triangles]:
     """Return tool, proxy, and shaft and head of an arrow of length 1 m, each at the origin along z."""
     tool_m, arrow_m, ball_m = TOOL_LENGTH * size_m, ARROW_LENGTH * size_m, 3 * PATH_RADIUS * size_m
-    pen = [(0.0, 0.0), (0.03, 0.2), (0.037, 0.3), (0.037, 0.97), (0.025, 1.0), (0.0, 1.0001)]
     angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
     return [
-        lathe([(r * tool_m, z * tool_m) for r, z in pen], theme.tool),
+        lathe([(r * tool_m, z * tool_m) for r, z in STYLUS], theme.tool),
         lathe([(ball_m * float(np.cos(a)), ball_m * float(np.sin(a))) for a in angle], PROXY_COLOUR),
         lathe([(0.016 * arrow_m, 0.0), (0.016 * arrow_m, 1.0)], FORCE),
         lathe([(0.0, 0.0), (0.05 * arrow_m, 1e-3), (0.0, 1.0)], FORCE),

@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.server import SOCKET_PATH
+from hapscene.paint.web.tools import Tools
 
 SIZE = (800, 600)
 ROUNDS_MAX = 50_000
@@ -45,7 +46,15 @@ class Tab:
             threading.Thread(target=read, daemon=True).start()
         self.look()
         with self._changed:
-            self._changed.wait_for(lambda: self.client >= 0 and self.state)
+            self._changed.wait_for(lambda: self.client >= 0)
+        self.send("theme", dark=False)
+        with self._changed:
+            self._changed.wait_for(lambda: self.state)
+
+    @property
+    def tools(self) -> Tools:
+        """The tools of this tab."""
+        return self.page.clients[self.client].context.tools
 
     def close(self) -> None:
         self.viser.close()
@@ -72,15 +81,13 @@ class Tab:
 
     def send(self, do: str, **content: Any) -> None:
         """Send a message of the page's protocol."""
-        self.ours.send(json.dumps({"do": do, **content}))
+        self.ours.send(json.dumps({"client": self.client, "do": do, **content}))
 
     def point(self, do: str, p_W_m: Any) -> None:
         """Send a pointer event at a point of the scene, as the camera of `look()` shows it."""
         x, y, z = self.page.context.view.to_view(p_W_m)
         across = 2 * (6.0 - z) * np.tan(0.4)
-        self.send(
-            do, x=0.5 + x / across * SIZE[1] / SIZE[0], y=0.5 - y / across, w=SIZE[0], h=SIZE[1], client=self.client
-        )
+        self.send(do, x=0.5 + x / across * SIZE[1] / SIZE[0], y=0.5 - y / across, w=SIZE[0], h=SIZE[1])
 
     def control(self, label: str) -> dict[str, Any]:
         """Wait for a control with this label; return it."""

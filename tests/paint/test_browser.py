@@ -27,7 +27,8 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     tab.keyboard.press("2")
     tab.get_by_label("Fill", exact=True).first.click()
     tab.get_by_role("option", name="whole body").click()
-    window.when(lambda: page.context.tools.fill == "whole body")
+    tools = window.tools
+    window.when(lambda: tools.fill == "whole body")
     window.drag(FRONT)
     window.see(BESIDE, "epoxy")
     assert (page.context.session.scene.bodies[0].face_swatch == 2).all()

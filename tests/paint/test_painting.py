@@ -29,8 +29,8 @@ def test_an_open_step_is_one_undo_over_all_bodies(painting: Painting) -> None:
     assert painting.undo_text is None
     assert [painting.paint_faces(body, np.arange(3)) for body in (0, 0, 1)] == [3, 0, 0]
     painting.paint_faces(0, np.array([7]))
-    assert painting.step_is_open and painting.undo_text == "stroke" and painting.state != state
-    assert painting.end_step() == 4 and not painting.step_is_open
+    assert painting.open_step is not None and painting.undo_text == "stroke" and painting.state != state
+    assert painting.end_step() == 4 and painting.open_step is None
     painted = swatches_of(painting)
     assert np.flatnonzero(painted[0]).tolist() == [0, 1, 2, 7]
     assert painting.undo() == "brush, 4 faces"

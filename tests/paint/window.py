@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from hapscene.paint.web.page import Page
+from hapscene.paint.web.tools import Tools
 
 CANVAS = "document.querySelector('canvas').getBoundingClientRect()"
 
@@ -72,6 +73,11 @@ class Window:
         right, down, forth = R.T @ (self.page.context.view.to_view(p_W_m) - camera.position)
         half = box[3] / 2 / np.tan(camera.fov / 2)
         return box[0] + box[2] / 2 + half * right / forth, box[1] + box[3] / 2 + half * down / forth
+
+    @property
+    def tools(self) -> Tools:
+        """The tools of this window."""
+        return self.page.clients[self.ask("window.hapscene.client()")].context.tools
 
     def pixels(self) -> NDArray[np.int16]:
         """What is seen (height, width, 3)."""

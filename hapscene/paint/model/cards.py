@@ -124,7 +124,7 @@ def _loaded(source: str | Path, sha256: str) -> Swatch:
 def matching(cards: Sequence[Card], text: str) -> list[Card]:
     """The cards that match every term of a search, such as "wood", "friction<0.3" or "loud stiffness>=500".
 
-    See `hapscene.swatches.library.search`; folder and phrases of a swatch are found like tags.
+    See `hapscene.swatches.library.search`; place, folder and phrases of a swatch are found like tags.
 
     Raises:
         SwatchError: a bound is malformed or names an unknown figure.
@@ -132,7 +132,7 @@ def matching(cards: Sequence[Card], text: str) -> list[Card]:
     terms = re.sub(r"\s*([<>]=?)\s*", r"\1", text).split()
     if not terms:  # the phrases of all cards take longer: each swatch is loaded
         return list(cards)
-    entries = [replace(card.entry, tags=(*card.entry.tags, card.folder, *card.words)) for card in cards]
+    entries = [replace(card.entry, tags=(*card.entry.tags, card.place, card.folder, *card.words)) for card in cards]
     found = {entry.name for entry in library.search(entries, terms)}  # the names of cards are unique
     return [card for card in cards if card.name in found]
 

@@ -242,8 +242,8 @@ class Painting:
 
     # --- steps ---
 
-    def begin_step(self, what: str, swatch: int | str) -> None:
-        """Begin a step that collects all painting until `end_step`. Any other operation ends it, too.
+    def begin_step(self, what: str, swatch: int | str) -> object:
+        """Begin a step that collects all painting until `end_step`, and return it. Any other operation ends it, too.
 
         Args:
             what: description for the user.
@@ -256,11 +256,12 @@ class Painting:
             self.swatch_index(swatch)
             self.end_step()
             self._open = _OpenStep(what, swatch)
+            return self._open
 
     @property
-    def step_is_open(self) -> bool:
-        """Whether a step is in progress."""
-        return self._open is not None
+    def open_step(self) -> object:
+        """The step in progress; None if it does not exist."""
+        return self._open
 
     def paint_faces(self, body: int, faces: NDArray[np.integer]) -> int:
         """Paint faces (n,) of a body in the open step; returns the number of faces that changed.

@@ -150,21 +150,13 @@ class Session:
             SceneError: no stroke is in progress.
         """
         with self.lock:
-            return self._present_stroke().drag_to(origin_W_m, direction_W)
+            if self._stroke is None or not self._stroke.in_progress:
+                raise SceneError("there is no stroke in progress: call begin_stroke first")
+            return self._stroke.drag_to(origin_W_m, direction_W)
 
     def end_stroke(self) -> int:
         """End the stroke, which becomes one step; returns the number of faces that it changed."""
         return self.painting.end_step()
-
-    @property
-    def stroking(self) -> bool:
-        """Whether a stroke is in progress. Any other operation ends it."""
-        return self.painting.step_is_open
-
-    def _present_stroke(self) -> Stroke:
-        if self._stroke is None or not self.stroking:
-            raise SceneError("there is no stroke in progress: call begin_stroke first")
-        return self._stroke
 
     # --- fills; each returns the number of faces that changed ---
 

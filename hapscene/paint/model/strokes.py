@@ -101,16 +101,25 @@ class _Tip:
 
 
 class Stroke:
-    """A stroke in progress: begins a step of the painting and paints in it.
+    """A stroke: begins a step of the painting and paints in it.
 
     Raises:
         SceneError: the scene has no such swatch.
     """
 
     def __init__(self, painting: Painting, swatch: int | str, brush: Brush) -> None:
-        painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)
         self._painting, self._brush = painting, brush
         self._tips: list[_Tip] = []
+        self.resume(swatch)
+
+    def resume(self, swatch: int | str) -> None:
+        """Begin another step, after an operation that has ended the step of this stroke."""
+        self._step = self._painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)
+
+    @property
+    def in_progress(self) -> bool:
+        """Whether the step of this stroke is open. Any other operation ends it."""
+        return self._painting.open_step is self._step
 
     def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
         """Paint up to the point where a ray from the eye meets the surface: see `Session.drag_to`."""

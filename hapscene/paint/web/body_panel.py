@@ -62,8 +62,8 @@ class BodyPanel:
         self.dragging = False
         self._handles = True
         with container:
-            self._tree = context.server.gui.add_html("")
-            self._fields = context.server.gui.add_html("")
+            self._tree = context.gui.add_html("")
+            self._fields = context.gui.add_html("")
         self._acts: Mapping[str, Callable[[str, str], Any]] = {
             "choose": self._choose,
             "hide": lambda name, _: self._composing.hide(name, name not in context.session.painting.hidden),
@@ -90,7 +90,7 @@ class BodyPanel:
         """
         self._what, name, value = (str(message.get(key, ""))[:1000] for key in ("act", "body", "value"))
         if self._what in self._acts:
-            self._context.tools.finish()
+            self._context.finish()
             result = self._acts[self._what](name, value.strip())
             if inspect.isawaitable(result):
                 await result
@@ -193,7 +193,7 @@ class BodyPanel:
 
         loop, view = asyncio.get_running_loop(), self._context.view
         unit = None
-        self._context.socket.say(f"Reading {file.name} …")
+        self._context.say(f"Reading {file.name} …")
 
         def load() -> Scene:
             scene = open_scene(file, unit)
@@ -209,7 +209,7 @@ class BodyPanel:
         self._context.refresh()
         size_m = np.ptp(scene.bodies[0].mesh.bounds_m, axis=0)
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        self._context.socket.say(f"Added {names[0]}{more}: {dimensions(size_m)}.")
+        self._context.say(f"Added {names[0]}{more}: {dimensions(size_m)}.")
         self.ask_upright(scene.bodies)
         self.ask_sizes(scene.bodies)
 

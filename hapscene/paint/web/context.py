@@ -1,4 +1,7 @@
-"""Objects that the panels of the page share: session, view, tools, simulated hand, socket, dialogs, callbacks."""
+"""Objects that the panels of the page share: session, view, simulated hand, socket, dialogs, callbacks.
+
+`PageContext` is common to all browsers; `ClientContext` adds what each browser has of its own.
+"""
 
 import html
 import inspect
@@ -14,28 +17,45 @@ from hapscene.paint.web.socket import PageSocket
 from hapscene.paint.web.tools import Tools
 from hapscene.paint.web.view import SceneView
 
-__all__ = ["PageContext", "aria", "bounded", "card_html", "escape_html", "set_html"]
+__all__ = ["ClientContext", "PageContext", "aria", "bounded", "card_html", "escape_html", "set_html"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PageContext:
     """Objects of the page.
 
     Attributes:
         server: viser server.
-        session, view, tools, touch, socket: one object each.
+        session, view, touch, socket: one object each.
         refresh: updates the page; call it after each operation that may have changed the scene.
+        clients: browsers that show the page, by viser's number.
+        previews: pictures of swatches as data URLs, by everything that they depend on.
         questions: open dialogs, the topmost last.
     """
 
     server: Any
     session: Session
     view: SceneView
-    tools: Tools
     touch: TouchHand
     socket: PageSocket
     refresh: Callable[[], None]
+    clients: dict[int, "ClientContext"] = field(default_factory=dict)
+    previews: dict[tuple[Any, ...], str] = field(default_factory=dict)
     questions: list[Any] = field(default_factory=list)
+
+    @property
+    def gui(self) -> Any:
+        """Where controls are added: viser's GUI of all browsers, or of one."""
+        return self.server.gui
+
+    def say(self, text: str, kind: str = "") -> None:
+        """Show a message; `kind` is "error" or ""."""
+        self.socket.say(text, kind)
+
+    def finish(self) -> None:
+        """End the operations of all pointers."""
+        for client in self.clients.values():
+            client.tools.finish()
 
     def callback(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """A viser callback that runs in the event loop and shows errors of `act` to the user.
@@ -51,7 +71,7 @@ class PageContext:
                 if inspect.isawaitable(result):
                     await result
             except (HapsceneError, OSError) as error:
-                self.socket.say(str(error), "error")
+                self.say(str(error), "error")
             self.refresh()
 
         return run
@@ -79,13 +99,13 @@ class PageContext:
             return self.callback(done)
 
         with modal:
-            self.server.gui.add_html(card_html(escape_html(question)))
+            self.gui.add_html(card_html(escape_html(question)))
             for label, colour, act in choices:
-                self.server.gui.add_button(label, color=colour).on_click(answer(act))
+                self.gui.add_button(label, color=colour).on_click(answer(act))
 
     def open_dialog(self, title: str) -> Any:
         """Open an empty dialog. Escape closes it."""
-        self.questions.append(self.server.gui.add_modal(title))
+        self.questions.append(self.gui.add_modal(title))
         return self.questions[-1]
 
     def close_dialog(self, dialog: Any) -> None:
@@ -94,10 +114,12 @@ class PageContext:
             self.questions.remove(dialog)
             dialog.close()
 
-    def dismiss(self) -> None:
-        """Close the topmost dialog without an answer."""
+    def dismiss(self) -> bool:
+        """Close the topmost dialog without an answer; returns whether there was one."""
         if self.questions:
             self.questions.pop().close()
+            return True
+        return False
 
     def downloading(self, make: Callable[[], Awaitable[tuple[str, bytes]]]) -> Callable[[Any], Any]:
         """A viser callback that makes the browser of the user download a file, given by name and content."""
@@ -108,9 +130,31 @@ class PageContext:
             try:
                 event.client.send_file_download(*await make(), save_immediately=True)
             except (HapsceneError, OSError) as error:
-                self.socket.say(str(error), "error")
+                self.say(str(error), "error")
 
         return run
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClientContext(PageContext):
+    """Objects of one browser: tools, controls, messages and dialogs are its own.
+
+    Attributes:
+        client: viser's handle of the browser.
+        tools: its tools.
+    """
+
+    client: Any
+    tools: Tools
+
+    @property
+    def gui(self) -> Any:
+        """viser's GUI of this browser."""
+        return self.client.gui
+
+    def say(self, text: str, kind: str = "") -> None:
+        """Show a message in this browser; `kind` is "error" or ""."""
+        self.socket.say(text, kind, self.client.client_id)
 
 
 def escape_html(text: str) -> str:

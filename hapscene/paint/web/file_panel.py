@@ -44,7 +44,7 @@ class FilePanel:
         self._context = context
         self._path = path
         self._losses_of: object = None  # format and state of the scene for which the losses are shown
-        gui, callback = context.server.gui, context.callback
+        gui, callback = context.gui, context.callback
         with container:
             self._file = gui.add_text("Scene file", str(path), hint=f"File name, which ends in {SUFFIX}")
             save = gui.add_button("Save", hint="Save to the scene file above (Ctrl S)")
@@ -95,7 +95,7 @@ class FilePanel:
 
     async def _write(self, write: Callable[[bool], str], force: bool = False) -> None:
         """Call `write` and show its message; if it would overwrite a file, ask and call it with force."""
-        self._context.socket.say("Writing the file …")
+        self._context.say("Writing the file …")
         try:
             message = await asyncio.to_thread(write, force)
         except SaveConflict as conflict:
@@ -106,7 +106,7 @@ class FilePanel:
                 ("Overwrite", "red", lambda: self._write(write, True)),
             )
             return
-        self._context.socket.say(message)
+        self._context.say(message)
         self._show_path()
 
     async def _bundle(self) -> tuple[str, bytes]:
@@ -147,7 +147,7 @@ class FilePanel:
         path = self._context.session.path
         if path is not None and path != self._path:
             self._path, self._file.value = path, str(path)
-            self._context.server.gui.set_panel_label(path.name)
+            self._context.gui.set_panel_label(path.name)
             self._show_format()
 
     def _show_format(self) -> None:

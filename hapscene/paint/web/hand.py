@@ -19,7 +19,6 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, no_such
 from hapscene.handle import Plant
 from hapscene.loop import Servo, ServoState
-from hapscene.loop.servo_state import TickLog
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 
@@ -180,7 +179,6 @@ class TouchHand:
         problem: why the hand failed; else "".
         stage: what the start of the hand does at present.
         touching: whether the pointer button is held.
-        on_samples: called with the log of new ticks.
         config: configuration. A change of the grip takes effect at once, other changes with the next `open`.
     """
 
@@ -195,9 +193,8 @@ class TouchHand:
         self._executor = ThreadPoolExecutor(1, "hapscene hand")
         self._servo: Any = None
         self._servo_made: Any = None
-        self.status, self.problem, self.stage = "closed", "", ""
+        self.status, self.problem, self.stage = "closed", "", "preparing"
         self.touching = False
-        self.on_samples: Callable[[TickLog], None] = lambda log: None
         self.config = config
         self._contact: Contact | None = None  # target; used once the servo has started
         self._from_W_m = np.zeros(3)  # start of the touch
@@ -217,7 +214,7 @@ class TouchHand:
 
     async def open(self, scene: Scene) -> None:
         """Start the servo, replacing a running one, and show failures. Of several calls, the last counts."""
-        self.status, self.problem = "starting", ""
+        self.status, self.problem, self.stage = "starting", "", "preparing"
         self._servo, self._running, self.touching = None, False, False
         opening = self._wanted is not None
         self._wanted = (scene, self.config)
@@ -329,7 +326,6 @@ class TouchHand:
                 raise
             return None
         self._since = log.first + len(log.rows)
-        self.on_samples(log)
         if state.touching != self._on_surface:
             self._on_surface, self._surface_tick = state.touching, state.tick
             if not state.touching and self._deeper_m < 0.0:  # after a bounce, the tool could stay off the surface

@@ -8,7 +8,7 @@ from typing import Any, Final
 from hapscene.errors import SwatchError
 from hapscene.paint.model.composing import numbered
 from hapscene.paint.model.tuning import Parameter
-from hapscene.paint.web.context import PageContext, bounded, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, PageContext, bounded, card_html, escape_html, set_html
 from hapscene.paint.web.hand import COMPENSATOR_HINTS, GRIP_NAMES, HAND_DEVICES
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.surface.swatch import Swatch
@@ -30,7 +30,7 @@ class HandPanel:
 
     def __init__(self, context: PageContext, container: Any) -> None:
         self._context = context
-        gui, callback, config = context.server.gui, context.callback, context.touch.config
+        gui, callback, config = context.gui, context.callback, context.touch.config
         with container, gui.add_folder("Simulated hand", order=LAST):
             device = gui.add_dropdown(
                 "Device",
@@ -89,17 +89,17 @@ class ParameterPanel:
     """Sliders for the parameters of the selected swatch.
 
     Args:
-        context: the page.
+        context: the browser.
         container: the tab.
     """
 
-    def __init__(self, context: PageContext, container: Any) -> None:
+    def __init__(self, context: ClientContext, container: Any) -> None:
         self._context = context
         self._container = container
         self._shown: tuple[Any, ...] = ()
         self._sliders: dict[str, Any] = {}
         with container:
-            self._head = context.server.gui.add_html("")
+            self._head = context.gui.add_html("")
             self._folder: Any = None
         self.show()
 
@@ -133,7 +133,7 @@ class ParameterPanel:
             self._colour.value = rgb_bytes(swatch.albedo_rgb)
 
     def _make(self, found: list[Parameter], swatch: Swatch) -> None:
-        gui, callback, name = self._context.server.gui, self._context.callback, swatch.name
+        gui, callback, name = self._context.gui, self._context.callback, swatch.name
         self._clear()
         with self._container:
             self._folder = gui.add_folder(f"Parameters of {_short(name)}")
@@ -188,7 +188,7 @@ class ParameterPanel:
 
     def _reset(self, target: Any) -> None:
         if not self._context.session.tuning.reset(self._context.tools.ensure_swatch()):
-            self._context.socket.say("The parameters already have their original values.")
+            self._context.say("The parameters already have their original values.")
 
     def _copy(self, target: Any) -> None:
         session, name = self._context.session, self._new_name()
@@ -206,7 +206,7 @@ class ParameterPanel:
         index = self._context.tools.ensure_swatch()
         file = self._context.session.tuning.save_swatch_as(index, name)
         self._context.tools.choose_swatch(name, self._context.session.scene.swatches[index])
-        self._context.socket.say(f"Saved {name!r} to your library: {file}")
+        self._context.say(f"Saved {name!r} to your library: {file}")
 
 
 def _step(span: float) -> float:

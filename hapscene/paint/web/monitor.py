@@ -106,7 +106,7 @@ class Monitor:
                 swatch = swatches[state.swatch] if touched else None
                 gains = self._loudness.take(samples[2], swatch, len(samples[1]) * TICK_S)
                 socket.trace(samples[1], samples[2], TICK_S, gains)
-            view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
+            view.show_touch(state)
         elif self._shown:
             view.show_touch(None)
         self._shown = state is not None

@@ -47,6 +47,7 @@ let state = {}, pressed = null, lock = false, lastHover = 0, waiting = null, ove
 const link = new Worker("/hapscene-socket_worker.js");  // owns the socket, so that sound does not wait for drawing
 const busy = new Map();  // timers of messages that the server has not handled yet
 const send = (message) => {
+  message = { client: client(), ...message };  // the server handles messages of a page once viser has numbered it
   if (BUSY[message.do]) {
     const n = Math.random();
     busy.set(n, setTimeout(() => say(`${BUSY[message.do]} …`, "busy", Infinity), BUSY_MS));
@@ -97,7 +98,7 @@ const canvas = () => document.querySelector("canvas[data-engine]") || document.q
 const client = () => { const tag = document.getElementById("hs-client"); return tag ? Number(tag.dataset.id) : -1; };
 function place(event) {
   const box = canvas().getBoundingClientRect();
-  return { x: (event.clientX - box.left) / box.width, y: (event.clientY - box.top) / box.height, w: box.width, h: box.height, client: client() };
+  return { x: (event.clientX - box.left) / box.width, y: (event.clientY - box.top) / box.height, w: box.width, h: box.height };
 }
 const onCanvas = (event) => { const c = canvas(); return c && (event.target === c || c.parentElement.contains(event.target)); };
 const consume = (event) => { event.stopImmediatePropagation(); event.preventDefault(); };
@@ -223,7 +224,7 @@ button("Home", "Home", "Reset the view", () => look("perspective"), views);
 button("Frame", "F", "Frame the selected body or the scene; the key F also frames the body under the pointer", () => look(""), views);
 VIEWS.forEach((name, i) => button(name[0].toUpperCase() + name.slice(1), `⇧${i + 1}`, `View from: ${name} (Shift + ${i + 1})`, () => look(name), views));
 button("Dark", "", "Dark or light theme of this browser", () => { localStorage.setItem("hapscene-dark", String(!themed.dark)); setTheme(); }, views);
-const setTheme = () => send({ do: "theme", client: client(), dark: themed.dark });
+const setTheme = () => send({ do: "theme", dark: themed.dark });
 const hint = make("div", { id: "hs-hint" });
 HINT.forEach((line, i) => hint.append(make("p", { innerHTML: `<b>${i + 1}</b>${line.replace(/<b>/g, "<kbd>").replace(/<\/b>/g, "</kbd>")}` })));
 hint.append(tipped(make("button", { type: "button", ariaLabel: "Hide the instructions", onclick: () => { hint.hidden = true; } }, "×"), "Hide the instructions (H)"));
@@ -244,7 +245,7 @@ const cursor = newCursor({
 });
 root.append(bar, make("div", { id: "hs-space" }, hint, views), toast, monitor, cursor.node);
 const updateTip = showTips(tip, () => state.hints ?? {});
-const outline = showOutline(canvas, client);
+const outline = showOutline(canvas);
 let toastTimer = null;
 function say(text, kind, for_ms = kind === "error" ? 9000 : 4000) {
   toast.textContent = text;
@@ -285,7 +286,7 @@ function fit() {
   if (!c) return;
   const sheet_px = sheetHeight(), box = c.getBoundingClientRect();
   const settled = box.bottom <= innerHeight - sheet_px + 1;
-  if (!fit.sent && settled && state.tool && box.width && client() >= 0) { fit.sent = true; send({ do: "frame", client: client(), w: box.width, h: box.height }); }
+  if (!fit.sent && settled && state.tool && box.width && client() >= 0) { fit.sent = true; send({ do: "frame", w: box.width, h: box.height }); }
   if (box.width !== fit.width) { fit.width = box.width; trace.fresh = true; }
   Object.assign(root.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
 }

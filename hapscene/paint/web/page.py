@@ -1,7 +1,8 @@
 """The page of `hapscene paint`: one scene, painted and touched in the browser.
 
 All events are handled in order in the event loop of the server; long operations run in threads. The scene is stored in
-the server: closing a browser tab loses nothing, and all open tabs show the same scene.
+the server: closing a browser tab loses nothing, and all open tabs show the same scene. Each tab has its own tool,
+swatch, brush and theme.
 """
 
 import asyncio
@@ -9,23 +10,32 @@ from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.model.display import Display
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.body_panel import BESIDE, MESHES, BodyPanel
-from hapscene.paint.web.context import PageContext
+from hapscene.paint.web.context import ClientContext, PageContext
 from hapscene.paint.web.file_panel import FilePanel
 from hapscene.paint.web.hand import HandConfig, TouchHand
 from hapscene.paint.web.haptics_panel import HandPanel, ParameterPanel
 from hapscene.paint.web.monitor import Monitor
 from hapscene.paint.web.server import SOCKET_PATH, PageServer, button_hints
-from hapscene.paint.web.socket import PIXEL_MAX, UPLOAD_PATH, Message, PageSocket, Uploads, number, pointer_of
+from hapscene.paint.web.socket import (
+    PIXEL_MAX,
+    UPLOAD_PATH,
+    Message,
+    PageSocket,
+    Uploads,
+    client_of,
+    number,
+    pointer_of,
+)
 from hapscene.paint.web.swatch_panel import LOOK, SwatchPanel
 from hapscene.paint.web.tool_panel import ToolPanel
 from hapscene.paint.web.tools import TOOLS, Tools
-from hapscene.paint.web.view import VIEWS, SceneView
+from hapscene.paint.web.view import VIEWS, SceneView, ToolMarks
 from hapscene.surface.swatch_file import SUFFIX as SWATCH_SUFFIX
 from hapscene.view.feel_layer import SHOWS
 
@@ -46,6 +56,15 @@ DRAWN_S: Final = 0.3
 """Approximate time from the connection of a page until its panel is drawn [s]."""
 
 
+class ClientPanels(NamedTuple):
+    """What the page shows in one browser only."""
+
+    context: ClientContext
+    tool: ToolPanel
+    swatches: SwatchPanel
+    parameters: ParameterPanel
+
+
 class Page:
     """The page, served while the context manager is open: `with Page(session) as page: print(page.url)`.
 
@@ -61,7 +80,8 @@ class Page:
     Attributes:
         server: viser server.
         uploads: receives files that are dropped on the page.
-        context: session, view, tools, hand and socket.
+        context: session, view, hand and socket.
+        clients: tools and controls of each browser, by viser's number.
         kept: after closing, whether there is unsaved work to recover.
 
     Raises:
@@ -82,7 +102,7 @@ class Page:
         if session.path is None:
             raise SceneError("the session has no file: give it a path, such as NAME.scene.json")
         self._with_hand = with_hand
-        self._ready = self.kept = False
+        self.kept = False
         self._ends = ExitStack()
         self._served = server or PageServer(host, port)
         self._ends.callback(self._served.close)
@@ -100,23 +120,27 @@ class Page:
         self._loop = self.server.get_event_loop()
         self._socket = PageSocket(self._act, self._state)
         self.uploads = Uploads(self._socket.say)
-        self.uploads.take((*MESHES, *BESIDE), lambda files: self._body_panel.take(files))
-        self.uploads.take((SWATCH_SUFFIX,), lambda files: self._swatch_panel.take(files))
-        self.uploads.take((LOOK,), lambda files: self._swatch_panel.take_picture(files))
+        self.uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
+        self.uploads.take((SWATCH_SUFFIX,), lambda files, client: self.clients[client].swatches.take(files))
+        self.uploads.take((LOOK,), lambda files, client: self.clients[client].swatches.take_picture(files))
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
-        self._sent: Message | None = None
         self._page_shown = asyncio.Event()
-        self._listen()
-        view = SceneView(self.server, session.painting, Display(session.painting))
-        tools = Tools(session, view, self._touch, self._socket.say)
-        self.context = PageContext(self.server, session, view, tools, self._touch, self._socket, self.refresh)
+        self.clients: dict[int, ClientPanels] = {}
+        self._parted: list[Tools] = []  # of browsers that have disconnected: a reloaded page gets them back
+        self.context = PageContext(
+            server=self.server,
+            session=session,
+            view=SceneView(self.server, session.painting, Display(session.painting)),
+            touch=self._touch,
+            socket=self._socket,
+            refresh=self.refresh,
+        )
         self._repaint_due = False
-        self._before = 0  # state of the history when the pointer button was pressed
         self._monitor = Monitor(self.context, self._show_status)
         self._make_panel()
-        self._ends.callback(self._swatch_panel.close)
+        self._listen()
         if not self._path.exists():  # a new scene of meshes
             if ask_upright:
                 self._body_panel.ask_upright(session.scene.bodies)
@@ -171,52 +195,46 @@ class Page:
 
     def refresh(self) -> None:
         """Show changes of the scene and send them to the hand. Must be called in the event loop."""
-        session, tools = self.context.session, self.context.tools
+        session, panels = self.context.session, tuple(self.clients.values())
         changes = session.painting.changes()
         if changes:
             self.context.view.update(changes)
             self.server.flush()  # updates the view before the panel
-        if changes.bodies:
-            self._tool_panel.show_bodies()
         if changes.faces or changes.swatch_list or changes.bodies or changes.poses:
             self._repaint_due = True
         else:  # sending parameters alone is much faster than the painting
             for index in changes.swatches:
                 values = {p.name: p.value for p in session.tuning.parameters(index) if p.applies}
                 self.context.touch.tune(session.scene.swatches[index].name, values)
-        busy = self._body_panel.dragging or (tools.client is not None and tools.name in ("brush", "eraser"))
+        busy = self._body_panel.dragging or any(panel.context.tools.stroking for panel in panels)
         if self._repaint_due and not busy:
             self._repaint_due = False
             self.context.touch.repaint(session.painting.snapshot())
-        self._tool_panel.show()
         self._body_panel.show()
-        self._swatch_panel.show(changes.swatch_list, changes.swatches)
-        self._parameter_panel.show()
-        self._send_state()
+        for panel in panels:
+            panel.tool.show(changes.bodies)
+            panel.swatches.show(changes.swatch_list, changes.swatches)
+            panel.parameters.show()
+        self._socket.send_state()
 
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""
-        if not self._ready:
+        panels = self.clients.get(client_of(message))
+        if panels is None:
             return
         try:
-            if await self._follow_pointer(message):
+            if await self._follow_pointer(message, panels.context.tools):
                 return
-            await self._do(message)
+            await self._do(message, panels)
         except (HapsceneError, OSError) as error:
-            self._socket.say(str(error), "error")
+            panels.context.say(str(error), "error")
         self.refresh()
 
-    async def _follow_pointer(self, message: Message) -> bool:
+    async def _follow_pointer(self, message: Message, tools: Tools) -> bool:
         """Handle a pointer event; returns whether the scene cannot have changed."""
-        tools = self.context.tools
         do = message["do"]
-        if do == "down":
-            self._before = self.context.session.history.state
         if do in ("leave", "cancel"):
-            session, drawing = self.context.session, tools.client is not None
-            await tools.release(None)
-            if do == "cancel" and drawing and session.history.state != self._before:
-                self._socket.say(f"Cancelled: {session.undo()}.")
+            await (tools.release(None) if do == "leave" else tools.cancel())
             return False
         follow = {"hover": tools.hover, "down": tools.press, "move": tools.drag, "up": tools.release}.get(do)
         if follow is None:
@@ -226,22 +244,23 @@ class Page:
             await follow(pointer)
         return do == "hover" or pointer is None
 
-    async def _do(self, message: Message) -> None:
-        tools, do = self.context.tools, message["do"]
+    async def _do(self, message: Message, panels: ClientPanels) -> None:
+        client, do = panels.context, message["do"]
+        tools = client.tools
         awaited: Mapping[str, Callable[[Message], Awaitable[None]]] = {
             "save": lambda _: self._file_panel.save(),
             "body": self._body_panel.act,
-            "library": self._swatch_panel.act,
+            "library": panels.swatches.act,
         }
-        acts: Mapping[str, Callable[[Message], None]] = {
-            "undo": lambda _: self._step_back("undo"),
-            "redo": lambda _: self._step_back("redo"),
+        acts: Mapping[str, Callable[[Message], object]] = {
+            "undo": lambda _: self._step_back("undo", client),
+            "redo": lambda _: self._step_back("redo", client),
             "tool": lambda m: tools.choose_tool(m["name"]) if m.get("name") in TOOLS else None,
-            "dismiss": lambda _: self.context.dismiss(),
-            "theme": self._set_theme,
-            "view": self._look,
-            "layers": lambda _: self._next_layers(),
-            "frame": self._frame,
+            "dismiss": lambda _: client.dismiss() or self.context.dismiss(),
+            "theme": lambda m: client.gui.configure_theme(dark_mode=m.get("dark") is True, **THEME),
+            "view": lambda m: self._look(m, client),
+            "layers": lambda _: self._next_layers(client),
+            "frame": lambda m: self._frame(m, client),
             "size": lambda m: tools.resize(tools.radius_m * (number(m, "factor", 0.1, 10.0) or 1.0)),
         }
         if do in awaited:
@@ -249,30 +268,22 @@ class Page:
         elif do in acts:
             acts[do](message)
 
-    def _step_back(self, do: str) -> None:
+    def _step_back(self, do: str, client: ClientContext) -> None:
         session = self.context.session
-        self.context.tools.finish()
+        self.context.finish()
         what = session.undo() if do == "undo" else session.redo()
-        self._socket.say(f"Nothing to {do}." if what is None else f"{do.capitalize()}: {what}.")
+        client.say(f"Nothing to {do}." if what is None else f"{do.capitalize()}: {what}.")
 
-    def _set_theme(self, message: Message) -> None:
-        """Set the theme of the page that asks."""
-        page = self.server.get_clients().get(_client(message))
-        if page is not None:
-            page.gui.configure_theme(dark_mode=message.get("dark") is True, **THEME)
-
-    def _frame(self, message: Message) -> None:
+    def _frame(self, message: Message, client: ClientContext) -> None:
         """Fit the scene into the view of a new page whose canvas is higher than wide."""
-        page = self.server.get_clients().get(_client(message))
         width, height = (number(message, key, 1.0, PIXEL_MAX) for key in ("w", "h"))
-        if page is not None and width is not None and height is not None and width < height:
-            self.context.view.look(page.camera, aspect=width / height)
+        if width is not None and height is not None and width < height:
+            self.context.view.look(client.client.camera, aspect=width / height)
 
-    def _look(self, message: Message) -> None:
+    def _look(self, message: Message, client: ClientContext) -> None:
         """Show the scene from one of the `VIEWS`; without a name, frame the selected body or that under the pointer."""
         pointer, name, view = pointer_of(message), str(message.get("name")), self.context.view
-        page = self.server.get_clients().get(pointer.client) if pointer is not None else None
-        if pointer is None or page is None:
+        if pointer is None:
             return
         scene, chosen = self.context.session.scene, None
         if name not in VIEWS:
@@ -280,45 +291,40 @@ class Page:
             hit = self.context.session.pick(*ray) if ray is not None and chosen is None else None
             chosen = chosen if hit is None else scene.bodies[hit.body].name
         framed = [] if chosen is None else [scene.body(chosen)]
-        view.look(page.camera, framed, pointer.width / pointer.height, name)
+        view.look(client.client.camera, framed, pointer.width / pointer.height, name)
 
-    def _next_layers(self) -> None:
+    def _next_layers(self, client: ClientContext) -> None:
         """Show the next choice of layers: the key V."""
         view = self.context.view
         view.show_layers(SHOWS[(SHOWS.index(view.show) + 1) % len(SHOWS)])
         what = {"look": "the materials of the mesh files", "feel": "the paint", "both": "the paint over the materials"}
-        self._socket.say(f"Shows {what[view.show]}.")
+        client.say(f"Shows {what[view.show]}.")
 
-    def _state(self) -> Message:
-        """State of the toolbar and the status line, sent to the pages."""
-        if not self._ready:
+    def _state(self, client: int) -> Message:
+        """State of the toolbar and the status line of a browser; empty if it is unknown."""
+        panels = self.clients.get(client)
+        if panels is None:
             return {}
-        session, tools = self.context.session, self.context.tools
+        session, tools = self.context.session, panels.context.tools
         return {
             "tool": tools.name,
             "swatch": tools.chosen,
-            "colour": self._swatch_panel.colour_of(tools.chosen),
+            "colour": panels.swatches.colour_of(tools.chosen),
             "undo": session.painting.undo_text,
             "redo": session.painting.redo_text,
             "dirty": session.dirty,
-            "hints": button_hints(self.server),
+            "hints": button_hints(self.server.gui, panels.context.gui),
             "title": self._path.name,
             "status": self._monitor.status,
-            "outline": tools.outline.state,
+            "outline": tuple(tools.outline.corners),
             "grain": self.context.view.grain,
             "hand": self.context.touch.status,
         }
 
-    def _send_state(self) -> None:
-        state = self._state()
-        if state != self._sent:
-            self._sent = state
-            self._socket.send(state=state)
-
     def _show_status(self) -> None:
         """Show the status of the touch and the autosave."""
         self._file_panel.show()
-        self._send_state()
+        self._socket.send_state()
 
     # --- set-up ---
 
@@ -327,36 +333,38 @@ class Page:
         gui.configure_theme(**THEME)
         gui.main_panel.dock_right()
         tabs = gui.add_tab_group()
-        paint, bodies, haptics, file = (tabs.add_tab(name) for name in TABS)
-        with paint:
+        self._paint, bodies, self._haptics, file = (tabs.add_tab(name) for name in TABS)
+        with self._paint:
             gui.add_html('<span class="hs-sticky"></span>')  # keeps the next folder in place while the swatches scroll
-            self._tool_panel = ToolPanel(self.context)
-        self._swatch_panel = SwatchPanel(self.context, paint)
         self._body_panel = BodyPanel(self.context, bodies)
-        HandPanel(self.context, haptics)
-        self._parameter_panel = ParameterPanel(self.context, haptics)
+        HandPanel(self.context, self._haptics)
         self._file_panel = FilePanel(self.context, file, self._path, self._served.addresses())
         gui.set_panel_label(self._path.name)
         self._file_panel.offer_recovery()
-        self._ready = True
 
     def _listen(self) -> None:
-        """Handle connection and disconnection of pages."""
+        """Handle connection and disconnection of browsers."""
 
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
-        async def name_client(client: Any) -> None:
-            client.gui.add_html(f'<span id="hs-client" data-id="{client.client_id}" hidden></span>')
+        async def add(client: Any) -> None:
+            common, name = self.context, client.client_id
+            marks = ToolMarks(client.scene, common.view, common.session.painting)
+            tools = self._parted.pop() if self._parted else Tools(common.session, common.view, common.touch)
+            tools.attach(marks, lambda text: self._socket.say(text, "", name))
+            own = ClientContext(**vars(common) | {"questions": []}, client=client, tools=tools)
+            common.clients[name] = own
+            panels = ToolPanel(own, self._paint), SwatchPanel(own, self._paint), ParameterPanel(own, self._haptics)
+            self.clients[name] = ClientPanels(own, *panels)
+            client.gui.add_html(f'<span id="hs-client" data-id="{name}" hidden></span>')
             self._loop.call_later(DRAWN_S, self._page_shown.set)
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
-        async def lift(client: Any) -> None:
+        async def remove(client: Any) -> None:
             self._body_panel.dragging = False
-            if self.context.tools.client == client.client_id:
-                await self.context.tools.release(None)
+            panels = self.clients.pop(client.client_id, None)
+            self.context.clients.pop(client.client_id, None)
+            if panels is not None:
+                panels.swatches.close()
+                await panels.context.tools.release(None)
+                self._parted.append(panels.context.tools)
                 self.refresh()
-
-
-def _client(message: Message) -> int:
-    """Number of the page that sent a message; −1 if it is missing."""
-    client = number(message, "client", 0, 2**53)
-    return -1 if client is None else int(client)

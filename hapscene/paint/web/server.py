@@ -127,6 +127,9 @@ class PageServer:
         self.handlers: dict[str, Handler] = {}
         self._names, self._token, self._files = host_names(host), secrets.token_urlsafe(TOKEN_BYTES), _static_files()
         self._admitted, self._closed = asyncio.Event(), False
+        warnings.filterwarnings(
+            "ignore", "Queued a .* on a closed connection"
+        )  # the page shows changes to all browsers
         _check_host(host)
         with self._guarding(host not in LOOPBACK):
             self.viser = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
@@ -150,7 +153,6 @@ class PageServer:
         self._closed = True
         self.admit()  # so that waiting connections can end
         with contextlib.redirect_stdout(io.StringIO()):
-            warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a drawing thread may still send
             self.viser.stop()
 
     @property
@@ -267,9 +269,9 @@ def own_addresses() -> list[str]:
     return [name for name in dict.fromkeys(found) if name not in LOOPBACK and not name.startswith("127.")]
 
 
-def button_hints(server: Any) -> dict[str, str]:
+def button_hints(*guis: Any) -> dict[str, str]:
     """Hints of viser's buttons by element id: viser itself does not show them."""
     from viser import GuiButtonHandle
 
-    handles = server.gui._gui_input_handle_from_uuid.items()
+    handles = [handle for gui in guis for handle in gui._gui_input_handle_from_uuid.items()]
     return {name: button.hint for name, button in handles if isinstance(button, GuiButtonHandle) and button.hint}

@@ -16,7 +16,17 @@ from hapscene.errors import HapsceneError
 from hapscene.io.files import short
 from hapscene.paint.web.view import Pointer
 
-__all__ = ["UPLOAD_PATH", "PageSocket", "Uploads", "number", "parse", "parse_file_list", "pointer_of", "safe_name"]
+__all__ = [
+    "UPLOAD_PATH",
+    "PageSocket",
+    "Uploads",
+    "client_of",
+    "number",
+    "parse",
+    "parse_file_list",
+    "pointer_of",
+    "safe_name",
+]
 
 MESSAGE_BYTES_MAX: Final = 10_000
 """Longest message that is parsed [bytes]; pages send some hundred."""
@@ -35,12 +45,13 @@ class PageSocket:
 
     Args:
         act: handles a message of a page.
-        state: returns the state that a new page receives first.
+        state: returns the state for a page, given by viser's number; -1 until the page has sent its number.
     """
 
-    def __init__(self, act: Callable[[Message], Awaitable[None]], state: Callable[[], Message]) -> None:
+    def __init__(self, act: Callable[[Message], Awaitable[None]], state: Callable[[int], Message]) -> None:
         self._act, self._state = act, state
-        self._sockets: set[Any] = set()
+        self._sockets: dict[Any, int] = {}  # with the number of the page
+        self._sent: dict[Any, Message] = {}  # last state of each page
         self.refused = 0
         """Number of invalid messages [count]."""
 
@@ -48,29 +59,35 @@ class PageSocket:
         """Handle the messages of a page in order until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
-        self._sockets.add(connection)
+        self._sockets[connection] = -1
         try:
-            self._send_to(connection, json.dumps({"state": self._state()}))
+            self.send_state()
             async for raw in connection:
                 message = parse(raw)
                 if message is None:
                     self.refused += 1
                 else:
+                    self._sockets[connection] = client_of(message)
                     await self._act(message)
                     if "n" in message:  # the page shows that it waits
                         self._send_to(connection, json.dumps({"done": message["n"]}))
         except ConnectionClosed:
             pass
         finally:
-            self._sockets.discard(connection)
+            del self._sockets[connection]
+            self._sent.pop(connection, None)
 
-    def send(self, **content: Any) -> None:
-        """Send to all pages."""
-        self._broadcast(json.dumps(content))
+    def send_state(self) -> None:
+        """Send its state to each page for which it has changed."""
+        for connection, client in self._sockets.items():
+            state = self._state(client)
+            if state != self._sent.get(connection):
+                self._sent[connection] = state
+                self._send_to(connection, json.dumps({"state": state}))
 
-    def say(self, text: str, kind: str = "") -> None:
-        """Show a message on all pages; `kind` is "error" or ""."""
-        self.send(say=text, kind=kind)
+    def say(self, text: str, kind: str = "", client: int | None = None) -> None:
+        """Show a message on a page, or on all pages; `kind` is "error" or ""."""
+        self._broadcast(json.dumps({"say": text, "kind": kind}), client)
 
     def trace(
         self, force_N: NDArray[Any], a_m_s2: NDArray[Any], tick_s: float, gains: tuple[float, float] = (1.0, 1.0)
@@ -79,13 +96,14 @@ class PageSocket:
         head = (1.0, tick_s, len(force_N), a_m_s2.shape[1], *gains)
         self._broadcast(np.concatenate((head, force_N, a_m_s2.ravel())).astype("<f4").tobytes())
 
-    def sound(self, a_m_s2: NDArray[Any], rate_Hz: float, start: int, gain: float) -> None:
-        """Plot an acceleration (n,) [m/s²], and play it at once, with a gain from the sample `start` on."""
-        self._broadcast(np.concatenate(((2.0, rate_Hz, start, gain), a_m_s2)).astype("<f4").tobytes())
+    def sound(self, a_m_s2: NDArray[Any], rate_Hz: float, start: int, gain: float, client: int) -> None:
+        """Plot an acceleration (n,) [m/s²] on a page, and play it at once, with a gain from the sample `start` on."""
+        self._broadcast(np.concatenate(((2.0, rate_Hz, start, gain), a_m_s2)).astype("<f4").tobytes(), client)
 
-    def _broadcast(self, content: str | bytes) -> None:
-        for connection in self._sockets:
-            self._send_to(connection, content)
+    def _broadcast(self, content: str | bytes, client: int | None = None) -> None:
+        for connection, number in self._sockets.items():
+            if client is None or number == client:
+                self._send_to(connection, content)
 
     def _send_to(self, connection: Any, content: str | bytes) -> None:
         from websockets.asyncio.server import broadcast
@@ -119,14 +137,20 @@ def number(message: Message, key: str, low: float, high: float) -> float | None:
     return float(value)
 
 
+def client_of(message: Message) -> int:
+    """viser's number of the page that sent a message; -1 if it is missing."""
+    client = number(message, "client", 0, 2**53)
+    return -1 if client is None else int(client)
+
+
 def pointer_of(message: Message) -> Pointer | None:
     """The pointer position of a message; None if it has no valid position."""
-    client = number(message, "client", 0, 2**53)
+    client = client_of(message)
     x, y = number(message, "x", -10.0, 10.0), number(message, "y", -10.0, 10.0)
     width, height = number(message, "w", 1.0, PIXEL_MAX), number(message, "h", 1.0, PIXEL_MAX)
-    if client is None or x is None or y is None or width is None or height is None:
+    if client < 0 or x is None or y is None or width is None or height is None:
         return None
-    return Pointer(int(client), x, y, width, height)
+    return Pointer(client, x, y, width, height)
 
 
 # Uploads of files that the user drops on the page or selects. Each upload uses one WebSocket: first a text message with
@@ -147,8 +171,8 @@ UPLOADS_MAX: Final = 4
 
 INVALID_LIST: Final = "Invalid upload: expected a list of files."
 
-Take = Callable[[Sequence[Path]], Awaitable[None]]
-"""Handles uploaded files with certain suffixes; the files are deleted when it returns."""
+Take = Callable[[Sequence[Path], int], Awaitable[None]]
+"""Handles uploaded files with certain suffixes, and the number of the page; the files are deleted when it returns."""
 
 
 class Uploads:
@@ -175,43 +199,43 @@ class Uploads:
         self._running += 1
         folder = Path(tempfile.mkdtemp(prefix="hapscene-"))
         try:
-            files = await self._receive(connection, folder)
+            files, client = await self._receive(connection, folder)
             if files:
                 await connection.close()
                 for _, taker in self._takers:
                     if mine := [file for file in files if self._taker(file) is taker]:
-                        await taker(mine)
+                        await taker(mine, client)
         except (HapsceneError, OSError) as error:
             self._say(str(error), "error")
         finally:
             self._running -= 1
             shutil.rmtree(folder, ignore_errors=True)
 
-    async def _receive(self, connection: Any, folder: Path) -> list[Path]:
-        """The files of an upload; empty if it was interrupted or invalid."""
+    async def _receive(self, connection: Any, folder: Path) -> tuple[list[Path], int]:
+        """The files of an upload, empty if it was interrupted or invalid, and the number of the page."""
         from websockets.exceptions import ConnectionClosed
 
         with contextlib.suppress(ConnectionClosed):
-            wanted = parse_file_list(await connection.recv())
+            wanted = parse_file_list(text := await connection.recv())
             if isinstance(wanted, str):
                 self._say(wanted, "error")
-                return []
+                return [], -1
             if not any(self._taker(Path(name)) for name in wanted):
                 known = ", ".join(sorted({suffix for suffixes, _ in self._takers for suffix in suffixes}))
                 self._say(f"{short(next(iter(wanted)))}: unsupported file type; expected {known}.", "error")
-                return []
+                return [], -1
             for name, size in wanted.items():
                 with (folder / name).open("wb") as file:
                     left = size
                     while left > 0:
                         data = await connection.recv()
                         if not isinstance(data, bytes) or not 0 < len(data) <= left:
-                            return []
+                            return [], -1
                         file.write(data)
                         left -= len(data)
-            return [folder / name for name in wanted]
+            return [folder / name for name in wanted], client_of(json.loads(text))
         self._say("The upload was interrupted: try again.", "error")
-        return []
+        return [], -1
 
     def _taker(self, file: Path) -> Take | None:
         suffix = file.suffix.lower()

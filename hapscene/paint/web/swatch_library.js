@@ -1,13 +1,10 @@
-// Sends events of the buttons and selections of the swatch library panel to the server, and keeps the keyboard focus.
+// Sends events of the buttons of the swatch library panel to the server, and keeps the keyboard focus.
 const act = (message) => window.hapscene && window.hapscene.send({ do: "library", ...message });
 let last = null;  // focused element of the panel
 document.addEventListener("click", (event) => {
   const button = event.target.closest && event.target.closest("button[data-library]");
   if (!button) return;
   act({ act: button.dataset.library, name: button.dataset.name });
-});
-document.addEventListener("change", (event) => {
-  if (event.target.matches && event.target.matches("select[data-library]")) act({ act: event.target.dataset.library, value: event.target.value });
 });
 document.addEventListener("focusin", (event) => { last = event.target.dataset && event.target.dataset.library ? event.target : null; });
 new MutationObserver(() => {  // the HTML was replaced: restore the focus

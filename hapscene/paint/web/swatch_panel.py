@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
-from hapscene.paint.web.context import PageContext, aria, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.material import read_picture
 from hapscene.surface.look import Look, picture_png
@@ -38,9 +38,13 @@ LOOK: Final = ".look"
 DELETE: Final = "Delete"
 CONFIRM_DELETE: Final = "Delete permanently? Scenes that use it will lack it"
 
-PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
+IMPORT: Final = (
+    f'<div class="hs-library-bar"><button type="button" data-upload="{SUFFIX}" title="Add swatch files to your '
+    'library. You can also drop them onto the page">Import…</button></div>'
+)
+"""HTML of the import button."""
 
-ALL: Final = "all"
+PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
 
 
 class SwatchPanel:
@@ -49,23 +53,23 @@ class SwatchPanel:
     The cards are custom HTML, whose buttons call `act` through swatch_library.js.
 
     Args:
-        context: the page.
+        context: the browser.
         container: the tab.
     """
 
-    def __init__(self, context: PageContext, container: Any) -> None:
+    def __init__(self, context: ClientContext, container: Any) -> None:
         self._context = context
         self._cards: list[Card] = []
         self._shown_for: tuple[Any, ...] = ()
-        self._balls: dict[tuple[Any, ...], str] = {}
         self._drawing: Future[None] | None = None
         self._shown_cards: Sequence[Card] = ()
-        self._where = ALL
-        gui, callback = context.server.gui, context.callback
+        gui, callback = context.gui, context.callback
         with container, gui.add_folder("Swatches"):
-            self._search = gui.add_text("Search", "", hint="A name, a word or a bound, such as rough or friction<0.3")
+            self._search = gui.add_text(
+                "Search", "", hint="A name, a word, a source or a bound: rough, computed, friction<0.3"
+            )
             self._search.on_update(callback(lambda target: self.show()))
-            self._bar = gui.add_html("")
+            gui.add_html(IMPORT)
             self._detail = gui.add_html("")
             self._list = gui.add_html("")
             self._rest = gui.add_html("")
@@ -89,17 +93,12 @@ class SwatchPanel:
         elif swatches:  # reading the library again would take long
             new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
             self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
-        wanted = (self._context.tools.chosen, self._search.value, self._where)
+        wanted = (self._context.tools.chosen, self._search.value)
         if not (reload or swatches) and wanted == self._shown_for:
             return
         self._shown_for = wanted
         found, problem = self._match()
-        if self._where not in {ALL, *map(_place, self._cards)}:
-            self._where = ALL
-        if self._where != ALL:
-            found = [card for card in found if _place(card) == self._where]
         shown = found[:CARD_MAX]
-        set_html(self._bar, self._bar_html())
         chosen = next((card for card in self._cards if card.name == self._context.tools.chosen), None)
         set_html(self._detail, self._detail_html(chosen) if chosen else "")
         self._show_cards(shown)
@@ -114,7 +113,7 @@ class SwatchPanel:
         try:
             return all_cards(scene)
         except SwatchError as error:
-            self._context.socket.say(str(error), "error")
+            self._context.say(str(error), "error")
             return scene_cards(scene)
 
     def _match(self) -> tuple[list[Card], str]:
@@ -130,8 +129,10 @@ class SwatchPanel:
         """Show the cards; previews that are not cached are rendered in a thread and shown later."""
         self._shown_cards = shown
         keys = [self._ball_key(card) for card in shown]
-        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._balls]
-        cards = "".join(self._card_html(card, self._balls.get(key, "")) for key, card in zip(keys, shown, strict=True))
+        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._context.previews]
+        cards = "".join(
+            self._card_html(card, self._context.previews.get(key, "")) for key, card in zip(keys, shown, strict=True)
+        )
         set_html(self._list, f'<ul class="hs-library" aria-label="Swatches">{cards}</ul>' if cards else "")
         if self._drawing is not None:
             self._drawing.cancel()
@@ -142,7 +143,7 @@ class SwatchPanel:
 
     async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
         for key, card in missing[:BALLS_AT_ONCE]:
-            self._balls[key] = await asyncio.to_thread(_ball, card, key[-1])
+            self._context.previews[key] = await asyncio.to_thread(_ball, card, key[-1])
         if shown is self._shown_cards:  # a cancellation may come too late to stop the previews of an earlier list
             self._drawing = None
             self._show_cards(shown)  # renders the next ones
@@ -164,17 +165,6 @@ class SwatchPanel:
             f'aria-pressed="{aria(chosen)}" title="Paint with {name}: {escape_html(feel)}">{picture}</button>'
             f'<button type="button" class="hs-play" data-library="play" data-name="{name}" aria-label="Play {name}" '
             f'title="Play {name}">▶</button></li>'
-        )
-
-    def _bar_html(self) -> str:
-        """HTML of the filter and the import button."""
-        places = dict.fromkeys([ALL, *(_place(card) for card in self._cards)])
-        items = "".join(f"<option{' selected' * (o == self._where)}>{escape_html(o)}</option>" for o in places)
-        where = f'<select data-library="where" title="Filter by source">{items}</select>'
-        return (
-            f'<div class="hs-library-bar"><label>Show {where}</label>'
-            f'<button type="button" data-upload="{SUFFIX}" title="Add swatch files to your library. You can also '
-            f'drop them onto the page">Import…</button></div>'
         )
 
     def _detail_html(self, card: Card) -> str:
@@ -220,15 +210,13 @@ class SwatchPanel:
     # --- actions ---
 
     async def act(self, message: Mapping[str, Any]) -> None:
-        """Handle a message of a button or a selection of the panel.
+        """Handle a message of a button of the panel.
 
         Raises:
             SwatchError: there is no such swatch.
         """
-        what, value = message.get("act"), message.get("value")
-        if what == "where":
-            self._where = str(value)
-        elif what == "use":
+        what = message.get("act")
+        if what == "use":
             self._use(self._card(message.get("name")))
         elif what == "play":
             await self._play(self._card(message.get("name")))
@@ -244,15 +232,15 @@ class SwatchPanel:
     async def _play(self, card: Card) -> None:
         """Play the sound of a tap and a stroke in the browser."""
         sound = await asyncio.to_thread(swatch_sound, card.swatch)
-        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain)
+        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain, self._context.client.client_id)
         silent = f"{card.name} makes no sound: it has neither a texture nor taps."
-        self._context.socket.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
+        self._context.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
 
     def _edit(self, card: Card) -> None:
         """Open a dialog to rename, tag, move or delete a swatch of the user's library."""
         if card.own is None:
             raise SwatchError(f"{card.name!r} is not in your library: use Save as new in the tab Haptics first")
-        gui, callback = self._context.server.gui, self._context.callback
+        gui, callback = self._context.gui, self._context.callback
         modal = self._context.open_dialog(f"Edit {card.name}")
 
         def save(target: Any) -> None:
@@ -268,7 +256,7 @@ class SwatchPanel:
                 return
             library.remove(card.name)
             self._let_go(card, card.name)
-            self._context.socket.say(f"Deleted {card.name!r} from your library.")
+            self._context.say(f"Deleted {card.name!r} from your library.")
             self._context.close_dialog(modal)
 
         with modal:
@@ -300,10 +288,10 @@ class SwatchPanel:
         for file in files:
             swatch = await asyncio.to_thread(read_swatch, file)
             names.append(library.add(replace(swatch, name=_free_name(swatch.name))).name)
-        self._search.value, self._where = "", ALL
+        self._search.value = ""
         self.show(True)
         self._use(self._card(names[0]))
-        self._context.socket.say(f"Added to your library: {', '.join(names)}.")
+        self._context.say(f"Added to your library: {', '.join(names)}.")
         self._context.refresh()
 
     async def take_picture(self, files: Sequence[Path]) -> None:
@@ -316,7 +304,7 @@ class SwatchPanel:
         made = await asyncio.to_thread(lambda: picture_png(read_picture(file)))
         tools = self._context.tools
         self._context.session.tuning.set_picture(tools.ensure_swatch(), made)
-        self._context.socket.say(f"Set the picture of {tools.chosen} to {file.name}.")
+        self._context.say(f"Set the picture of {tools.chosen} to {file.name}.")
         self._context.refresh()
 
 

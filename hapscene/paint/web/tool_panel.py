@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, Final
 
 from hapscene.paint.model.session import FILLS
-from hapscene.paint.web.context import PageContext, bounded, card_html, set_html
+from hapscene.paint.web.context import ClientContext, bounded, card_html, set_html
 from hapscene.paint.web.tools import RADIUS_SHARE, REGIONS, STROKES
 from hapscene.view.feel_layer import SHOWS
 
@@ -27,22 +27,23 @@ TOOL_HINTS: Final = {
 FORCE_N: Final = (0.1, 3.0)
 """Range of the force of the hand [N]: from a light touch to the maximum of the weakest supported device."""
 
-MIRRORS: Final = ("off", "x", "y", "z", "x y", "x z", "y z", "x y z")
+MIRRORS: Final = ("off", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
 
 class ToolPanel:
-    """Controls of the tools; those of the current tool are visible.
+    """Controls of the tools of a browser; those of the current tool are visible.
 
     Args:
-        context: the page.
+        context: the browser.
+        container: the tab.
     """
 
-    def __init__(self, context: PageContext) -> None:
+    def __init__(self, context: ClientContext, container: Any) -> None:
         self._context = context
-        gui, tools = context.server.gui, context.tools
+        gui, tools = context.gui, context.tools
         self._sliders: list[tuple[Any, str, float]] = []  # handle, attribute of the tools, factor to the shown value
         low, high, step = self._sizes()
-        with gui.add_folder("Tool"):
+        with container, gui.add_folder("Tool"):
             self._hint = gui.add_html("")
             hint = "Diameter of brush and eraser, and of a sphere that is clicked (keys [ and ])"
             self._size = self._slider("Size [mm]", (low, high, step), "radius_m", 2e3, hint)
@@ -72,11 +73,11 @@ class ToolPanel:
         """A slider for an attribute of the tools, shown multiplied by a factor; `span` is minimum, maximum, step."""
         low, high, step = span
         value = min(max(_round_up(factor * getattr(self._context.tools, attribute), step), low), high)
-        made = self._context.server.gui.add_slider(label, low, high, step, value, hint=hint)
+        made = self._context.gui.add_slider(label, low, high, step, value, hint=hint)
         self._sliders.append((made, attribute, factor))
         return made
 
-    def show_bodies(self) -> None:
+    def _show_sizes(self) -> None:
         """Update the ranges of sizes after bodies have changed."""
         low, high, _ = self._sizes()
         for slider in (self._size, self._margin):
@@ -90,9 +91,11 @@ class ToolPanel:
         step = 10.0 ** math.floor(math.log10(low))
         return _round_up(low, step), _round_up(high, step), step
 
-    def show(self) -> None:
-        """Show the controls of the current tool and update their values."""
+    def show(self, bodies: bool = False) -> None:
+        """Show the controls of the current tool and update their values, and the ranges after `bodies` have changed."""
         tools = self._context.tools
+        if bodies:
+            self._show_sizes()
         name, fill = tools.name, tools.fill
         set_html(self._hint, card_html(f'<span class="hs-hold"></span>{TOOL_HINTS[name]}', dim=True))
         self._size.visible = name in ("brush", "eraser", "sphere")
@@ -118,22 +121,16 @@ class ToolPanel:
     def _listen(self) -> None:
         callback, tools = self._context.callback, self._context.tools
 
-        def fill(target: Any) -> None:
-            tools.fill = target.value if target.value in FILLS else tools.fill
-
-        def occlusion(target: Any) -> None:
-            tools.ignore_occlusion = bool(target.value)
-
-        def mirror(target: Any) -> None:
-            if target.value in MIRRORS:
-                tools.mirrors = "" if target.value == MIRRORS[0] else target.value.replace(" ", "")
+        def choose(attribute: str, choices: tuple[Any, ...], target: Any) -> None:
+            if target.value in choices:
+                setattr(tools, attribute, "" if target.value == MIRRORS[0] else target.value)
 
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
-        self._mirrors.on_update(callback(mirror))
         self._layers.on_update(callback(lambda target: self._context.view.show_layers(target.value)))
-        self._occluded.on_update(callback(occlusion))
-        self._fill.on_update(callback(fill))
+        self._mirrors.on_update(callback(partial(choose, "mirrors", MIRRORS)))
+        self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
+        self._fill.on_update(callback(partial(choose, "fill", FILLS)))
 
     def _take_number(self, attribute: str, factor: float, slider: Any) -> None:
         tools = self._context.tools

@@ -11,8 +11,9 @@ from hapscene.paint.model.history import face_count_text
 from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.regions import Outline
 from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Session
+from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.web.hand import TouchHand
-from hapscene.paint.web.view import Pointer, SceneView
+from hapscene.paint.web.view import Pointer, SceneView, ToolMarks
 from hapscene.surface.swatch import PLAIN, SwatchLike
 
 __all__ = ["RADIUS_SHARE", "REGIONS", "STROKES", "TOOLS", "Tools"]
@@ -25,18 +26,14 @@ class LassoOutline:
     """The outline that the lasso draws.
 
     Attributes:
-        client: page on which it is drawn.
         corners: (k, 2) positions on the canvas, from the left and the top, as fractions of its size.
     """
 
     def __init__(self) -> None:
-        self.client = -1
         self.corners: list[tuple[float, float]] = []
 
     def add(self, pointer: Pointer) -> None:
-        """Add the position of the pointer; on another page, start a new outline."""
-        if pointer.client != self.client:
-            self.client, self.corners = pointer.client, []
+        """Add the position of the pointer."""
         place = (pointer.x, pointer.y)
         if not self.corners or place != self.corners[-1]:
             self.corners.append(place)
@@ -57,11 +54,6 @@ class LassoOutline:
         X_EW = np.linalg.inv(X_WE)
         return lambda X_BW: Outline(X_EW @ np.linalg.inv(X_BW), flat), X_WE[:3, 3]
 
-    @property
-    def state(self) -> dict[str, Any] | None:
-        """Outline as sent to the pages; None if it does not exist."""
-        return {"client": self.client, "corners": list(self.corners)} if self.corners else None
-
 
 TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso")
 
@@ -77,11 +69,10 @@ RADIUS_SHARE: Final = (0.002, 0.03, 0.3)
 
 
 class Tools:
-    """The current tool and its settings.
+    """The current tool of a page, and its settings.
 
     Args:
         session, view, touch: session, view and simulated hand that the tools work on.
-        say: shows a message to the user.
 
     Attributes:
         name: current tool, one of `TOOLS`.
@@ -92,11 +83,11 @@ class Tools:
         angle_rad: angle of a facet [rad].
         margin_m: margin of a box around the two points that span it [m].
         force_N: normal force of the hand [N].
-        client: page whose pointer button is pressed on the surface; None if it does not exist.
+        pressed: whether the pointer button is pressed on the surface.
     """
 
-    def __init__(self, session: Session, view: SceneView, touch: TouchHand, say: Callable[[str], None]) -> None:
-        self._session, self._view, self._touch, self._say = session, view, touch, say
+    def __init__(self, session: Session, view: SceneView, touch: TouchHand) -> None:
+        self._session, self._view, self._touch = session, view, touch
         self.name = "brush"
         last = session.scene.swatches[-1]
         self._source: SwatchLike = FIRST_SWATCH if last is PLAIN else last
@@ -108,11 +99,16 @@ class Tools:
         self.falloff, self.opacity, self.ignore_occlusion, self.mirrors = 0.0, 1.0, False, ""
         self.outline = LassoOutline()
         self.force_N = 1.0
-        self.client: int | None = None
+        self.pressed = False
+        self._stroke: Stroke | None = None
         self._start: Hit | None = None
         self._last: Hit | None = None
         self._eye_W_m: Any = None
-        self._before = 0  # state of the history when the stroke began
+        self._before = 0  # state of the history when the button was pressed
+
+    def attach(self, marks: ToolMarks, say: Callable[[str], None]) -> None:
+        """Use the marks of a page, and show messages there; call it before all others."""
+        self._marks, self._say = marks, say
 
     @property
     def swatch(self) -> int | None:
@@ -147,31 +143,45 @@ class Tools:
     def finish(self) -> None:
         """End the operation of the pointer."""
         self.outline.corners = []
-        self._session.end_stroke()
-        self._touch.lift(time.monotonic())
-        self._view.show_box(None)
-        self._view.show_sphere(None)
-        self.client = self._start = self._last = None
+        if self.stroking:
+            self._session.end_stroke()
+        if self.pressed and self.name == "touch":
+            self._touch.lift(time.monotonic())
+        self._marks.show_box(None)
+        self._marks.show_sphere(None)
+        self.pressed, self._stroke, self._start, self._last = False, None, None, None
+
+    async def cancel(self) -> None:
+        """End the operation of the pointer, and undo what it has changed."""
+        pressed = self.pressed
+        await self.release(None)
+        if pressed and self._session.history.state != self._before:
+            self._say(f"Cancelled: {self._session.undo()}.")
+
+    @property
+    def stroking(self) -> bool:
+        """Whether a stroke of this page is in progress."""
+        return self._stroke is not None and self._stroke.in_progress
 
     async def hover(self, pointer: Pointer) -> None:
         """Handle a move of the pointer without a pressed button."""
-        if self.client is not None:
+        if self.pressed:
             return
         ray = self._view.ray(pointer)
         drawn = self.name in (*STROKES, "sphere")
         hit = self._session.pick(*ray, visible_only=True) if ray is not None and drawn else None
-        self._view.show_ring(hit, self.radius_m)
+        self._marks.show_ring(hit, self.radius_m)
 
     async def press(self, pointer: Pointer) -> None:
         """Handle a press of the button."""
         ray = self._view.ray(pointer)
         if ray is None:
             return
-        if self.client is not None:  # another page is drawing, or the release was lost
-            self.finish()
+        self.finish()  # in case a release was lost
+        self._before = self._session.history.state
         if self.name == "lasso":
             self.ensure_swatch()
-            self.client = pointer.client
+            self.pressed = True
             self.outline.add(pointer)
             return
         hit = self._session.pick(*ray, visible_only=True)
@@ -179,38 +189,41 @@ class Tools:
             self._say("There is no surface here: start on a body.")
             return
         swatch = self.ensure_swatch() if self.name in ("brush", "fill", "box", "sphere") else ERASE
-        self.client, self._start, self._last, self._eye_W_m = pointer.client, hit, hit, ray[0]
+        self.pressed, self._start, self._last, self._eye_W_m = True, hit, hit, ray[0]
         if self.name in STROKES:
-            self._session.begin_stroke(swatch, self.radius_m, **self._brush)
-            self._session.drag_to(*ray)
-            self._view.show_ring(hit, self.radius_m)
-            self._before = self._session.history.state
+            with self._session.lock:
+                brush = Brush(self.radius_m, self.falloff, self.opacity, self.ignore_occlusion, self.mirrors)
+                self._stroke = Stroke(self._session.painting, swatch, brush)
+                self._stroke.drag_to(*ray)
+            self._marks.show_ring(hit, self.radius_m)
         elif self.name == "fill":
             self._fill(hit, swatch)
         elif self.name == "pick":
             self._take(hit)
         elif self.name == "touch":
-            if not self._touch.press(*self._contact(hit, ray[1])):
+            self.pressed = not self._touch.touching
+            if not self.pressed:
+                self._say("Another browser is using the simulated hand.")
+            elif not self._touch.press(*self._contact(hit, ray[1])):
                 self._say("The simulated hand is not ready yet. The status line shows what it waits for.")
         else:
-            self._view.show_ring(None, self.radius_m)
+            self._marks.show_ring(None, self.radius_m)
             self._show_region()
 
     async def drag(self, pointer: Pointer) -> None:
         """Handle a move of the pointer with the button pressed."""
         ray = self._view.ray(pointer)
-        if ray is None or self.client != pointer.client:
+        if ray is None or not self.pressed:
             return
         if self.name == "lasso":
             self.outline.add(pointer)
             return
-        if self.name in STROKES:
+        if self._stroke is not None:
             with self._session.lock:
-                if not self._session.stroking:  # ended by an operation of another page or by a key
-                    swatch = ERASE if self.name == "eraser" else self.ensure_swatch()
-                    self._session.begin_stroke(swatch, self.radius_m, **self._brush)
-                hit = self._session.drag_to(*ray)
-            self._view.show_ring(hit, self.radius_m)
+                if not self._stroke.in_progress:  # ended by an operation of another page or by a key
+                    self._stroke.resume(ERASE if self.name == "eraser" else self.ensure_swatch())
+                hit = self._stroke.drag_to(*ray)
+            self._marks.show_ring(hit, self.radius_m)
             return
         hit = self._session.pick(*ray, visible_only=True)
         if hit is None:
@@ -223,22 +236,16 @@ class Tools:
 
     async def release(self, pointer: Pointer | None) -> None:
         """Handle a release of the button; None cancels a box, sphere or lasso without painting."""
-        if pointer is not None and self.client != pointer.client:
-            return
         try:
-            if pointer is not None and self.client is not None:
+            if pointer is not None and self.pressed:
                 await self.drag(pointer)  # the position of the release
                 self._fill_region(pointer)
-                self._session.end_stroke()
+                if self.stroking:
+                    self._session.end_stroke()
                 if self.name in STROKES and self._session.history.state == self._before:
                     self._say(self._why_nothing())
         finally:
             self.finish()
-
-    @property
-    def _brush(self) -> dict[str, Any]:
-        names = ("falloff", "opacity", "ignore_occlusion", "mirrors")
-        return {name: getattr(self, name) for name in names}
 
     def _take(self, hit: Hit) -> None:
         picked = self._session.scene.swatches[self._session.swatch_at(hit)]
@@ -249,9 +256,9 @@ class Tools:
         """Show the box or sphere that would be painted."""
         if self.name == "box":
             X_WK, size_m = self._box()
-            self._view.show_box(size_m, X_WK)
+            self._marks.show_box(size_m, X_WK)
         elif self.name == "sphere":
-            self._view.show_sphere(*self._sphere())
+            self._marks.show_sphere(*self._sphere())
 
     def _fill_region(self, pointer: Pointer) -> None:
         """Paint inside the box, the sphere or the outline."""

@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.exchange.gltf import look_glb, picture_glb
+from hapscene.loop import ServoState
 from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.model.display import ChunkKey, Display, ShownBody
 from hapscene.paint.model.mesh import Hit, project_to_surface
@@ -16,10 +17,13 @@ from hapscene.paint.model.painting import Changes, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.mesh import Mesh
+from hapscene.view.camera import facing
 from hapscene.view.feel_layer import OPACITY, Show, grain_of
-from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
+from hapscene.view.figure_parts import STYLUS, TOOL_LENGTH, TOOL_R_WT
+from hapscene.view.palette import FORCE, LIGHT, OKABE_ITO, distinct_colours, linear, rgb
+from hapscene.view.triangles import lathe
 
-__all__ = ["VIEWS", "Pointer", "SceneView", "rgb_bytes", "rotation"]
+__all__ = ["VIEWS", "Pointer", "SceneView", "ToolMarks", "rgb_bytes", "rotation"]
 
 SHOWN: Final = 3.0
 """Diagonal of the scene in viser's units: suits viser's near plane and keyboard navigation."""
@@ -92,6 +96,7 @@ class SceneView:
 
     Attributes:
         diagonal_m: diagonal of the scene [m].
+        scale: length of 1 m in viser's units.
         colours: colours of the scene's swatches, "#rrggbb", changed where two would be similar.
         show: visible layers: look, the materials of the mesh files; feel, the paint; or both.
     """
@@ -106,7 +111,7 @@ class SceneView:
         self._frames: dict[int, BodyFrame] = {}  # by id of the `ShownBody`
         self._frame_count = 0
         self._handles: Any = None
-        self._grains: dict[int, tuple[Any, Any]] = {}  # by swatch: its appearance, and the handle of its picture
+        self._grains: dict[int, tuple[Any, Any, float]] = {}  # by swatch: appearance, handle of its picture, gain
         self._place_camera()
         self._light()
         self._make_marks()
@@ -118,7 +123,7 @@ class SceneView:
         low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         self.middle_W_m: Vector = (low + high) / 2
         self.diagonal_m = float(np.linalg.norm(high - low))
-        self._scale = SHOWN / self.diagonal_m
+        self.scale = SHOWN / self.diagonal_m
 
     # --- the bodies ---
 
@@ -144,29 +149,30 @@ class SceneView:
     def _show_grains(self) -> None:
         """Send the pictures of grains that have changed; grain.js applies them."""
         for index, swatch in enumerate(self._painting.scene.swatches):
-            known = self._grains.get(index, (None, None))
+            known = self._grains.get(index, (None, None, 1.0))
             key = swatch.look, swatch.texture, swatch.parameter("lpc_texture", "texture_gain", 1.0)
             if known[0] == key:
                 continue
             if known[1] is not None:
                 known[1].remove()
-            grain, handle = grain_of(swatch), None
+            grain, handle, gain = grain_of(swatch), None, 1.0
             if not grain.flat:
+                gain = grain.gain
                 glb = picture_glb(grain.pattern / 255)
                 handle = self._server.scene.add_glb(f"/grain/{index}", glb, visible=False, cast_shadow=False)
-            self._grains[index] = key, handle
+            self._grains[index] = key, handle, gain
 
     @property
     def grain(self) -> dict[str, Any]:
         """Side of a grain's tile by number of the body and swatch [m], and the factor of each picture."""
         scene = self._painting.scene
-        found = [i for i, (_, handle) in self._grains.items() if handle is not None and i < len(scene.swatches)]
+        found = {i: gain for i, (_, handle, gain) in self._grains.items() if handle and i < len(scene.swatches)}
         grains, tiles = {i: grain_of(scene.swatches[i]) for i in found}, {}
         for body, shown in zip(scene.bodies, self._display.bodies, strict=False):
             if id(shown) in self._frames:
                 number = self._frames[id(shown)].number
                 tiles[number] = {i: grain.tile_m(body.mesh.diagonal_m) for i, grain in grains.items()}
-        return {"tiles": tiles, "gains": {i: grain.gain for i, grain in grains.items()}}
+        return {"tiles": tiles, "gains": found}
 
     def _compose(self) -> None:
         """Create, keep or remove the scene nodes so that there is one for each body."""
@@ -176,9 +182,9 @@ class SceneView:
             self._measure()
             for layers in (layers for frame in self._frames.values() for layers in frame.layers.values()):
                 for mesh in layers.values():
-                    mesh.scale = self._scale
+                    mesh.scale = self.scale
             for look in (known.look for known in self._frames.values() if known.look is not None):
-                look.scale = self._scale
+                look.scale = self.scale
             for client in self._server.get_clients().values():
                 self.look(client.camera)
         frames, self._frames, shown = self._frames, {}, self._display.bodies
@@ -209,7 +215,7 @@ class SceneView:
         if not shown.textured:
             return None
         glb = look_glb(shown.look_mesh(), self._painting.scene.bodies[index].two_sided)
-        more = {"scale": self._scale, "visible": self.show != "feel", "cast_shadow": False, "receive_shadow": False}
+        more = {"scale": self.scale, "visible": self.show != "feel", "cast_shadow": False, "receive_shadow": False}
         return self._server.scene.add_glb(f"/body/{number}/look", glb, **more)
 
     def show_layers(self, show: Show) -> None:
@@ -283,7 +289,7 @@ class SceneView:
                         side="double" if body.two_sided else "front",
                         cast_shadow=False,
                         receive_shadow=False,
-                        scale=self._scale,
+                        scale=self.scale,
                     )
                 for kind in old.keys() - new.keys():
                     old[kind].remove()
@@ -297,7 +303,7 @@ class SceneView:
 
     def to_view(self, p_W_m: Any) -> Vector:
         """Points (…, 3) in W [m] in the coordinates of viser."""
-        return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self._scale)
+        return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self.scale)
 
     def eye(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
         """Pose (4, 4) of the eye of a page, and half the width and height (2,) of its picture at z = 1.
@@ -313,7 +319,7 @@ class SceneView:
             return None  # an invalid camera
         X_WE = np.eye(4)
         X_WE[:3, :3] = _rotation(place[:4])
-        X_WE[:3, 3] = place[4:7] / self._scale + self.middle_W_m
+        X_WE[:3, 3] = place[4:7] / self.scale + self.middle_W_m
         return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
 
     def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
@@ -327,50 +333,20 @@ class SceneView:
 
     # --- markers ---
 
-    def show_ring(self, hit: Hit | None, radius_m: float) -> None:
-        """Show the ring of the brush, projected onto the surface; None hides it."""
-        self._ring.visible = hit is not None
-        if hit is None:
-            return
-        side = np.cross(hit.nhat_W, np.eye(3)[np.argmin(np.abs(hit.nhat_W))])
-        side /= np.linalg.norm(side)
-        turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
-        way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
-        body, shape = self._painting.scene.bodies[hit.body], self._painting.shapes[hit.body]
-        laid_W_m = project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)
-        laid = self.to_view(laid_W_m) + 0.004 * hit.nhat_W
-        self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
-
-    def show_box(self, size_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
-        """Show the edges of a box of size (3,) [m] at a pose (4, 4); None hides it."""
-        self._box.visible = size_m is not None
-        if size_m is None or X_WK is None:
-            return
-        self._box.position = self.to_view(X_WK[:3, 3])
-        self._box.wxyz = quaternion(X_WK[:3, :3])
-        self._box.scale = tuple((np.maximum(size_m, 1e-9) * self._scale).tolist())
-
-    def show_sphere(self, centre_W_m: Vector | None, radius_m: float = 0.0) -> None:
-        """Show a sphere; None hides it."""
-        self._sphere.visible = centre_W_m is not None
-        if centre_W_m is not None:
-            self._sphere.position = self.to_view(centre_W_m)
-            self._sphere.scale = max(radius_m * self._scale, 1e-3)
-
-    def show_touch(self, p_WT_m: Vector | None, p_WP_m: Vector | None = None, f_W_N: Vector | None = None) -> None:
-        """Show tool, proxy and force of a touch; None hides them."""
+    def show_touch(self, state: ServoState | None) -> None:
+        """Show stylus, proxy and force of a touch; None hides them. Simulated devices have no orientation."""
         for mark in (self._tool, self._proxy, self._arrow):
-            mark.visible = p_WT_m is not None
-        if p_WT_m is None or p_WP_m is None or f_W_N is None:
+            mark.visible = state is not None
+        if state is None:
             return
-        self._tool.position = self.to_view(p_WT_m)
-        self._proxy.position = self.to_view(p_WP_m)
-        size_N = float(np.linalg.norm(f_W_N))
+        self._tool.position = self.to_view(state.p_WT_m)
+        self._proxy.position = self.to_view(state.p_WP_m)
+        size_N = float(np.linalg.norm(state.f_W_N))
         self._arrow.visible = size_N > 0.01
         if size_N > 0.01:
             length = SHOWN / 8 * size_N / ARROW_N
-            self._arrow.position = self.to_view(p_WP_m)
-            self._arrow.wxyz = _turn_to(f_W_N / size_N)
+            self._arrow.position = self.to_view(state.p_WP_m)
+            self._arrow.wxyz = quaternion(facing(state.f_W_N))
             self._arrow.scale = (1.0, 1.0, length)
 
     def show_handles(self, X_WG: NDArray[np.float64] | None, moved: Callable[[str, NDArray[np.float64]], None]) -> None:
@@ -394,7 +370,7 @@ class SceneView:
                 wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
                 if np.linalg.norm(wxyz) > 0.5:
                     X[:3, :3] = _rotation(wxyz)
-                    X[:3, 3] = np.asarray(event.target.position) / self._scale + self.middle_W_m
+                    X[:3, 3] = np.asarray(event.target.position) / self.scale + self.middle_W_m
                     moved(event.phase, X)
 
         place, turn = self.to_view(X_WG[:3, 3]), quaternion(X_WG[:3, :3])
@@ -440,7 +416,32 @@ class SceneView:
         scene.add_light_directional("/light/fill", intensity=0.5, position=(4.0, 1.0, 1.0))
 
     def _make_marks(self) -> None:
-        scene, ink = self._server.scene, _rgb(OKABE_ITO["purple"])
+        scene, size = self._server.scene, SHOWN / 120
+        corners = lathe([(SHOWN * TOOL_LENGTH * r, SHOWN * TOOL_LENGTH * z) for r, z in STYLUS], LIGHT.tool).corner_m
+        faces, grey = np.arange(len(corners)).reshape(-1, 3), _rgb(LIGHT.tool)
+        self._tool = scene.add_mesh_simple(
+            "/mark/tool", corners, faces, color=grey, wxyz=quaternion(TOOL_R_WT), cast_shadow=False
+        )
+        self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
+        up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+        head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
+        self._arrow = scene.add_arrows("/mark/force", up, _linear(FORCE), **head)
+        for mark in (self._tool, self._proxy, self._arrow):
+            mark.visible = False
+
+
+class ToolMarks:
+    """Marks of the tools in the view of one page: the ring of the brush, a box and a sphere.
+
+    Args:
+        scene: scene of the page's viser client.
+        view: the view.
+        painting: painted scene.
+    """
+
+    def __init__(self, scene: Any, view: SceneView, painting: Painting) -> None:
+        self._view, self._painting = view, painting
+        ink = _rgb(OKABE_ITO["purple"])
         dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # visible on every colour
         line = {"thickness": 2.5, "thickness_units": "screen"}
         ring, colours = np.zeros((RING_COUNT, 2, 3), np.float32), np.repeat(dashes, 6).reshape(-1, 2, 3)
@@ -449,14 +450,38 @@ class SceneView:
         edges = [(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corner[i] != corner[j]) == 1]
         self._box = scene.add_line_segments("/mark/box", corner[np.array(edges)], ink, **line)
         self._sphere = scene.add_icosphere("/mark/sphere", 1.0, ink, opacity=0.3, cast_shadow=False)
-        size = SHOWN / 120
-        self._tool = scene.add_icosphere("/mark/tool", size, _rgb(OKABE_ITO["black"]), opacity=0.55, cast_shadow=False)
-        self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
-        up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
-        head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
-        self._arrow = scene.add_arrows("/mark/force", up, _linear(FORCE), **head)
-        for mark in (self._ring, self._box, self._sphere, self._tool, self._proxy, self._arrow):
+        for mark in (self._ring, self._box, self._sphere):
             mark.visible = False
+
+    def show_ring(self, hit: Hit | None, radius_m: float) -> None:
+        """Show the ring of the brush, projected onto the surface; None hides it."""
+        self._ring.visible = hit is not None
+        if hit is None:
+            return
+        side = np.cross(hit.nhat_W, np.eye(3)[np.argmin(np.abs(hit.nhat_W))])
+        side /= np.linalg.norm(side)
+        turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
+        way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
+        body, shape = self._painting.scene.bodies[hit.body], self._painting.shapes[hit.body]
+        laid_W_m = project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)
+        laid = self._view.to_view(laid_W_m) + 0.004 * hit.nhat_W
+        self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
+
+    def show_box(self, size_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
+        """Show the edges of a box of size (3,) [m] at a pose (4, 4); None hides it."""
+        self._box.visible = size_m is not None
+        if size_m is None or X_WK is None:
+            return
+        self._box.position = self._view.to_view(X_WK[:3, 3])
+        self._box.wxyz = quaternion(X_WK[:3, :3])
+        self._box.scale = tuple((np.maximum(size_m, 1e-9) * self._view.scale).tolist())
+
+    def show_sphere(self, centre_W_m: Vector | None, radius_m: float = 0.0) -> None:
+        """Show a sphere; None hides it."""
+        self._sphere.visible = centre_W_m is not None
+        if centre_W_m is not None:
+            self._sphere.position = self._view.to_view(centre_W_m)
+            self._sphere.scale = max(radius_m * self._view.scale, 1e-3)
 
 
 def rgb_bytes(colour: Iterable[float]) -> tuple[int, int, int]:
@@ -473,15 +498,6 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 def _linear(colour: str) -> tuple[int, int, int]:
     """A colour "#rrggbb" as bytes of linear light, which viser expects for arrows."""
     return rgb_bytes(linear(rgb(colour)))
-
-
-def _turn_to(nhat: Vector) -> Vector:
-    """Quaternion (w, x, y, z) of the shortest rotation from the z axis to a unit vector."""
-    w = 1.0 + float(nhat[2])
-    if w < 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    turn = np.array([w, -nhat[1], nhat[0], 0.0])
-    return np.asarray(turn / np.linalg.norm(turn))
 
 
 def _rotation(wxyz: Vector) -> Vector:

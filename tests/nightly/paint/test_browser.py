@@ -79,8 +79,8 @@ def test_views_have_keys_and_show_all(window: Window) -> None:
 
 def test_escape_cancels_a_stroke(window: Window) -> None:
     page, tab = window.page, window.tab
-    scene, chosen = page.context.session.scene, page.context.tools.chosen
-    page.context.tools.choose_swatch("paper", "paper")
+    scene, chosen = page.context.session.scene, window.tools.chosen
+    window.tools.choose_swatch("paper", "paper")
     tab.keyboard.press("1")
     before = scene.bodies[0].face_swatch.copy()
     tab.keyboard.down("Shift")
@@ -89,19 +89,19 @@ def test_escape_cancels_a_stroke(window: Window) -> None:
     until(lambda: not np.array_equal(scene.bodies[0].face_swatch, before))
     tab.keyboard.press("Escape")
     until(lambda: np.array_equal(scene.bodies[0].face_swatch, before))
-    assert page.context.tools.client is None
+    assert not window.tools.pressed
     tab.mouse.move(*window.at(BESIDE))
     tab.mouse.up()
     tab.keyboard.up("Shift")
     window.wait("document.getElementById('hs-say').textContent.startsWith('Cancelled: brush')")
     assert np.array_equal(scene.bodies[0].face_swatch, before)
-    page.context.tools.choose_swatch(chosen, chosen)
+    window.tools.choose_swatch(chosen, chosen)
 
 
 def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     page, tab = window.page, window.tab
-    scene, chosen = page.context.session.scene, page.context.tools.chosen
-    page.context.tools.choose_swatch("paper", "paper")
+    scene, chosen = page.context.session.scene, window.tools.chosen
+    window.tools.choose_swatch("paper", "paper")
     before = scene.bodies[0].face_swatch.copy()
     for key in ("1", "k", "Shift+ArrowLeft", "ArrowUp"):
         tab.keyboard.press(key)
@@ -111,12 +111,12 @@ def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     tab.keyboard.press("Shift+ArrowRight")
     until(lambda: not np.array_equal(scene.bodies[0].face_swatch, dabbed))
     tab.keyboard.up(" ")
-    until(lambda: page.context.tools.client is None)
+    until(lambda: not window.tools.pressed)
     tab.keyboard.press("Escape")
     window.wait("document.activeElement === document.body")
     tab.keyboard.press("Control+z")
     until(lambda: np.array_equal(scene.bodies[0].face_swatch, before))
-    page.context.tools.choose_swatch(chosen, chosen)
+    window.tools.choose_swatch(chosen, chosen)
 
 
 def test_lost_connection_shows_instructions_until_reconnected(window: Window) -> None:
@@ -146,11 +146,11 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
         tab.mouse.move(x + 20, y + 5, steps=4)
         tab.mouse.up()
         until(lambda: painting.state != state or np.abs(np.array(camera.position) - place).max() > 0.01)
-        until(lambda: page.context.tools.client is None)  # the stroke's last drops, too
+        until(lambda: not window.tools.pressed)  # the stroke's last drops, too
         window.ask("new Promise(done => setTimeout(done, 300))")  # whatever else comes has come
         return painting.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
 
-    page.context.tools.choose_swatch("leather", "leather")  # nothing wears it yet, whatever was painted before
+    window.tools.choose_swatch("leather", "leather")  # nothing wears it yet, whatever was painted before
     tab.mouse.move(*window.at(FRONT))
     tab.keyboard.press("1")
     tab.keyboard.press("l")

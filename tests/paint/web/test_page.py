@@ -157,9 +157,9 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
 
 def test_swatches_with_equal_colours_are_displayed_in_different_colours(page: Page, tab: Tab) -> None:
     for name in ("first", "second"):  # new swatches are grey
-        page.context.tools.choose_swatch(name, Swatch(name))
+        tab.tools.choose_swatch(name, Swatch(name))
         stroke(tab)
-        page.context.tools.radius_m /= 2
+        tab.tools.radius_m /= 2
     assert len(set(page.context.session.scene.bodies[0].face_swatch)) == 3
 
     def colours() -> set[Any]:
@@ -247,7 +247,7 @@ def test_tuned_swatch_is_saved_under_a_new_name_and_listed(page: Page, tab: Tab,
 
     tab.wait(lambda: "card &lt;b&gt;board" in cards())
     assert "card <b>board" not in cards()
-    assert tab.page.context.tools.chosen == "card <b>board"
+    assert tab.tools.chosen == "card <b>board"
 
 
 def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
@@ -301,7 +301,7 @@ def test_search_filters_the_swatches(page: Page, tab: Tab) -> None:
 
 
 def test_previews_of_an_earlier_search_do_not_bring_its_cards_back(page: Page, tab: Tab) -> None:
-    panel, loop = page._swatch_panel, page.server.get_event_loop()
+    panel, loop = page.clients[tab.client].swatches, page.server.get_event_loop()
     earlier = panel._cards[:3]
     tab.set("Search", "no such swatch")
     tab.wait(lambda: not card_names(tab))
@@ -316,24 +316,22 @@ def card_names(tab: Tab) -> list[str]:
     return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', content)]
 
 
-def test_swatches_are_filtered_by_source(page: Page, tab: Tab, library: Path) -> None:
+def test_the_search_finds_a_source_and_a_folder(page: Page, tab: Tab, library: Path) -> None:
     add(Swatch("sponge", friction_dynamic=0.1, friction_static=0.1), inside="kitchen")
-    page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
-    tab.send("library", act="where", value="your library: kitchen")
+    page.server.get_event_loop().call_soon_threadsafe(page.clients[tab.client].swatches.show, True)
+    tab.set("Search", "kitchen")
     tab.wait(lambda: card_names(tab) == ["sponge"])
-    tab.send("library", act="where", value="computed")
-    tab.wait(lambda: len(card_names(tab)) > 24 and "weave-silk" in card_names(tab))
-    tab.send("library", act="where", value="<b>nowhere")
     tab.send("library", act="no such act", name={})
-    tab.send("library", act="where", value="computed")
-    tab.wait(lambda: "slate" in card_names(tab))
+    tab.set("Search", "computed")
+    tab.wait(lambda: len(card_names(tab)) > 24 and {"weave-silk", "slate"} <= {*card_names(tab)})
+    assert "sponge" not in card_names(tab)
     pictures = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
-    tab.wait(lambda: "data:image/png;base64," in pictures or len(page._swatch_panel._balls) > 8)
+    tab.wait(lambda: "data:image/png;base64," in pictures or len(page.context.previews) > 8)
 
 
 def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page, tab: Tab, library: Path) -> None:
     add(Swatch("sponge", 99.0, albedo_rgb=(0.9, 0.8, 0.1)))
-    page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
+    page.server.get_event_loop().call_soon_threadsafe(page.clients[tab.client].swatches.show, True)
     tab.choose("sponge")
     stroke(tab)
     tab.settle()
@@ -347,7 +345,7 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
     tab.wait(lambda: "old sponge" in card_names(tab))
     (entry,) = own_entries(library / "kitchen")
     assert (entry.name, entry.tags) == ("old sponge", ("wet", "kitchen")) and not own_entries()
-    assert tab.page.context.tools.chosen == "sponge"  # the swatch of the scene is unchanged and is stored in the scene
+    assert tab.tools.chosen == "sponge"  # the swatch of the scene is unchanged and is stored in the scene
     assert page.context.session.dirty
     page.context.session.save()
     assert {s.name for s in load_scene(page.context.session.path).swatches} >= {"sponge"}
@@ -369,7 +367,7 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
     save_swatch(Swatch("gift", 99.0), tmp_path / "gift.swatch")
     gift = (tmp_path / "gift.swatch").read_bytes()
     drop(page, {"C:\\fun\\gift.swatch": gift})
-    tab.wait(lambda: tab.page.context.tools.chosen == "gift" and "gift" in card_names(tab))
+    tab.wait(lambda: tab.tools.chosen == "gift" and "gift" in card_names(tab))
     drop(page, {"again.swatch": gift})
     tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
     for files, pattern in (
@@ -445,7 +443,7 @@ def test_second_tab_shows_the_same_state_and_closing_one_loses_nothing(page: Pag
     tab.settle()
     tab.close()  # with the button held
     other.wait(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
-    assert painted(page, 0, "wood") > 0 and page.context.tools.client is None
+    assert painted(page, 0, "wood") > 0 and not tab.tools.pressed
     third = Tab(page)
     assert third.state["undo"] == other.state["undo"]
     assert {n for n in third.nodes if n.startswith("/body")} or third.wait(lambda: third.nodes)
@@ -520,7 +518,7 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
     assert page.context.socket.refused >= 9
     assert page.context.session.painting.state == before and tab.state["tool"] == "brush"
     tab.set("Size [mm]", 9.0)
-    tab.wait(lambda: abs(page.context.tools.radius_m - 0.0045) < 1e-9)
+    tab.wait(lambda: abs(tab.tools.radius_m - 0.0045) < 1e-9)
 
 
 def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
@@ -638,7 +636,9 @@ def test_ten_thousand_random_events_with_a_hand(tmp_path: Path, monkeypatch: pyt
     session = Session.open(tmp_path / "made.scene.json")
     with Page(session, port=0) as page:
         tab = Tab(page)
-        tab.wait(lambda: tab.state.get("hand") == "ready")
+        while page.context.touch.status == "starting":  # compiles for minutes on a busy machine: `wait` would give up
+            tab.settle()
+        assert page.context.touch.status == "ready"
         shake(page, tab, 10_000, seed=2)
         check_saves_and_loads(page, tmp_path)
         tab.close()

@@ -43,10 +43,10 @@ async def nothing(message: Any) -> None:
 @pytest.mark.parametrize(("waiting_bytes", "count"), [(BACKLOG_BYTES_MAX - 1, 5), (BACKLOG_BYTES_MAX, 3)])
 def test_slow_client_loses_traces_but_no_messages(waiting_bytes: int, count: int) -> None:
     """A dropped trace is replaced by the next; a dropped state would leave the page wrong."""
-    live, page = PageSocket(nothing, dict), Slow(waiting_bytes)
-    live._sockets.add(page)
-    live.send(state={"undo": "fill"})
-    live.sound(np.zeros(9), 1e4, 0, 1.0)
+    live, page = PageSocket(nothing, lambda client: {"undo": "fill"}), Slow(waiting_bytes)
+    live._sockets[page] = 3
+    live.send_state()
+    live.sound(np.zeros(9), 1e4, 0, 1.0, 3)
     live.trace(np.zeros(3), np.zeros((3, 10)), 1e-3)
     live.say("Saved.")
     live.say("Not saved.", "error")
@@ -60,8 +60,8 @@ def test_slow_client_loses_traces_but_no_messages(waiting_bytes: int, count: int
 
 def test_client_that_reads_nothing_is_disconnected() -> None:
     """What waits for it would fill the memory."""
-    live, page = PageSocket(nothing, dict), Slow(10 * BACKLOG_BYTES_MAX)
-    live._sockets.add(page)
+    live, page = PageSocket(nothing, lambda client: {}), Slow(10 * BACKLOG_BYTES_MAX)
+    live._sockets[page] = 3
     live.say("Saved.")
     assert page.aborted and not page.sent
 

@@ -7,7 +7,11 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
+from scipy.spatial.transform import Rotation
+
 import hapscene
+from hapscene.flags import Flag
+from hapscene.loop import ServoState
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tools import RADIUS_SHARE
@@ -36,7 +40,7 @@ def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.parametrize("tool", ["brush", "box", "sphere"])
 def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) -> None:
-    page.context.tools.choose_swatch("wood", "wood")
+    tab.tools.choose_swatch("wood", "wood")
     tab.send("tool", name=tool)
     flick, slow = drawn(page, tab, TOP, ASIDE), drawn(page, tab, TOP, ASIDE, ASIDE)
     for one, other, body in zip(flick, slow, page.context.session.scene.bodies, strict=True):
@@ -46,7 +50,7 @@ def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) 
 
 @pytest.mark.parametrize("tool", ["brush", "fill", "box", "sphere"])
 def test_missing_swatch_is_reported_once_and_ends_the_stroke(page: Page, tab: Tab, tool: str) -> None:
-    page.context.tools.choose_swatch("nowhere", "nowhere")
+    tab.tools.choose_swatch("nowhere", "nowhere")
     tab.send("tool", name=tool)
     tab.point("down", TOP)
     for place in (ASIDE, TOP, ASIDE):
@@ -54,13 +58,13 @@ def test_missing_swatch_is_reported_once_and_ends_the_stroke(page: Page, tab: Ta
     tab.point("up", ASIDE)
     tab.settle()
     assert sum("nowhere" in said for said in tab.said) == 1
-    assert page.context.tools.client is None and page.context.session.painting.undo_text is None
+    assert not tab.tools.pressed and page.context.session.painting.undo_text is None
 
 
 def test_damaged_library_is_reported_and_painting_continues(page: Page, tab: Tab, library: Path) -> None:
     library.mkdir()
     (library / "index.json").write_text("{")
-    page.context.tools.choose_swatch("epoxy", "epoxy")
+    tab.tools.choose_swatch("epoxy", "epoxy")
     tab.point("down", TOP)  # a new swatch: the library is read again
     tab.point("up", TOP)
     tab.wait(lambda: any("index.json" in said for said in tab.said))
@@ -69,8 +73,8 @@ def test_damaged_library_is_reported_and_painting_continues(page: Page, tab: Tab
     tab.settle()  # the connection still works
 
 
-def test_the_brush_stays_within_its_bounds(page: Page) -> None:
-    tools = page.context.tools
+def test_the_brush_stays_within_its_bounds(page: Page, tab: Tab) -> None:
+    tools = tab.tools
     low, usual, high = (share * page.context.view.diagonal_m for share in RADIUS_SHARE)
     for asked, taken in ((0.0, low), (usual, usual), (1e3, high)):
         tools.resize(asked)
@@ -78,7 +82,7 @@ def test_the_brush_stays_within_its_bounds(page: Page) -> None:
 
 
 def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
-    page.context.tools.choose_swatch("plain", "plain")
+    tab.tools.choose_swatch("plain", "plain")
     for tool, message in (("brush", "plain already"), ("eraser", "nothing to erase")):
         tab.send("tool", name=tool)
         tab.point("down", TOP)
@@ -112,6 +116,49 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
         assert tab.control("Stiffness [N/m]")["value"] == scene.swatches[1].stiffness_N_m
         tab.close()
     session.document.close()
+
+
+def test_two_pages_have_their_own_tools_and_share_the_painting(page: Page, tab: Tab) -> None:
+    other = Tab(page)
+    tab.choose("wood")
+    other.choose("leather")
+    tab.send("tool", name="fill")
+    other.send("size", factor=0.5)
+    for each in (tab, other):
+        each.settle()
+    assert (tab.state["tool"], tab.state["swatch"]) == ("fill", "wood")
+    assert (other.state["tool"], other.state["swatch"]) == ("brush", "leather")
+    assert other.control("Size [mm]")["value"] < 0.6 * tab.control("Size [mm]")["value"]
+    tab.point("down", TOP)
+    tab.wait(lambda: other.state["undo"])  # both see the painting
+    assert not any("painted" in said for said in other.said) and "leather" not in [
+        swatch.name for swatch in page.context.session.scene.swatches
+    ]
+    other.point("hover", TOP)
+    other.settle()
+    assert other.tools._marks._ring.visible and not tab.tools._marks._ring.visible
+    other.close()
+    tab.wait(lambda: list(page.clients) == [tab.client])
+
+
+def test_strokes_of_two_pages_at_once_are_both_painted_whole(page: Page, tab: Tab) -> None:
+    """Each move ends the step of the other stroke; the line must have no gap there."""
+    other, session = Tab(page), page.context.session
+    tab.choose("wood")
+    other.choose("leather")
+    tab.tools.radius_m = other.tools.radius_m = 0.001
+    for do, x in (("down", -1.0), ("move", 0.0), ("up", 1.0)):
+        for each, y in ((tab, 0.005), (other, -0.005)):
+            each.point(do, TOP + np.array([0.009 * x, y, -0.002 * abs(x)]))
+            each.settle()
+    names = [swatch.name for swatch in session.scene.swatches]
+    for y, name in ((0.005, "wood"), (-0.005, "leather")):
+        for x in np.linspace(-0.8, 0.8, 17):
+            place = TOP + np.array([0.009 * x, y, 0.05])
+            hit = session.pick(place, (0.0, 0.0, -1.0))
+            assert names[session.swatch_at(hit)] == name
+    assert not tab.tools.pressed and not other.tools.pressed
+    other.close()
 
 
 def test_choosing_a_swatch_is_no_step_and_a_stroke_with_it_is_one(page: Page, tab: Tab) -> None:
@@ -149,7 +196,7 @@ def test_touch_before_the_hand_is_ready_is_reported(page: Page, tab: Tab) -> Non
 @pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
 def test_region_is_displayed_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
     seen: list[bool] = []
-    node = {"box": page.context.view._box, "sphere": page.context.view._sphere}[tool]
+    node = {"box": tab.tools._marks._box, "sphere": tab.tools._marks._sphere}[tool]
     tab.send("tool", name=tool)
     for do in ("hover", "down", "up"):
         tab.point(do, TOP)
@@ -158,8 +205,22 @@ def test_region_is_displayed_from_the_press_on(page: Page, tab: Tab, tool: str, 
     assert seen == [False, True, False] and node.name == mark
 
 
+def test_the_stylus_points_as_in_pictures(page: Page, tab: Tab) -> None:
+    state = ServoState(
+        5, TOP, TOP, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -2.0]), 0.0, 0.0, True, 0, 0, 0, Flag(0)
+    )
+    view = page.context.view
+    view.show_touch(state)
+    tool, arrow = (Rotation.from_quat(mark.wxyz, scalar_first=True) for mark in (view._tool, view._arrow))
+    along = np.array([0.8, 0.4, 1.0])
+    np.testing.assert_allclose(tool.apply((0, 0, 1)), along / np.linalg.norm(along), atol=1e-6)
+    np.testing.assert_allclose(view._tool.position, view.to_view(TOP))
+    np.testing.assert_allclose(arrow.apply((0, 0, 1)), (0, 0, -1), atol=1e-6)
+    assert view._tool.vertices[:, 2].min() == 0.0 and tab.nodes["/mark/tool"]  # the tip is the origin
+
+
 def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
-    page.context.tools.choose_swatch("wood", "wood")
+    tab.tools.choose_swatch("wood", "wood")
     tab.point("down", TOP)
     tab.settle()
     tab.send("save")
@@ -170,14 +231,14 @@ def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
 
 
 def test_a_lasso_paints_the_visible_surface_inside(page: Page, tab: Tab) -> None:
-    page.context.tools.choose_swatch("wood", "wood")
+    tab.tools.choose_swatch("wood", "wood")
     corners = [TOP + d for d in np.array([(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]) * 1e-3]
     tab.send("tool", name="lasso")
     lasso = drawn(page, tab, *corners, corners[0])
     ball = page.context.session.scene.bodies[0]
-    assert (lasso[0] != 0).any() and tab.state["outline"] is None
+    assert (lasso[0] != 0).any() and not tab.state["outline"]
     z = ball.mesh.triangles_m.mean(axis=1) @ ball.X_WB[2, :3]
     assert z[lasso[0] != 0].min() > 0.0  # not the other side
-    page.context.tools.ignore_occlusion = True
+    tab.tools.ignore_occlusion = True
     both_sides = drawn(page, tab, *corners, corners[0])
     assert z[both_sides[0] != 0].min() < 0.0
