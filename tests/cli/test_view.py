@@ -56,7 +56,7 @@ def test_numbers_out_of_range(plate: str, words: list[str], capsys: pytest.Captu
 def test_an_unwritable_output_is_an_error_before_the_work(
     command: str, tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("hapscene.scene.mesh_check.load_mesh", lambda *arguments, **options: pytest.fail("loaded"))
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", lambda *arguments, **options: pytest.fail("loaded"))
     monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
     option, name = ("--out", "a.gif") if command == "view" else ("--fix", "a.ply")
     assert main([command, plate, "--unit", "m", option, str(tmp_path / "none" / name)]) == 2

@@ -40,7 +40,7 @@ def test_written_and_read_look_are_equal() -> None:
 
 
 def test_swatch_without_look_has_version_2() -> None:
-    content = json.loads(swatch_to_json(hapscene.load_swatch("wood")))
+    content = json.loads(swatch_to_json(hapscene.Swatch("plain")))
     assert content["version"] == 2 and "look" not in content
     with pytest.raises(SwatchError, match="look"):
         swatch_from_json(json.dumps(content | {"look": {}}))
