@@ -104,6 +104,10 @@ class SerialLine(NamedTuple):
     poll: NDArray[np.int32]  # (2,) a `struct pollfd`
 
 
+_read: Any
+_write: Any
+_poll: Any
+
 if INTERPRETED or sys.platform == "win32":
 
     @native
@@ -117,9 +121,9 @@ if INTERPRETED or sys.platform == "win32":
         return 0
 
 else:
-    _read: Any = types.ExternalFunction("read", types.int64(types.int32, types.uintp, types.uintp))
-    _write: Any = types.ExternalFunction("write", types.int64(types.int32, types.uintp, types.uintp))
-    _poll: Any = types.ExternalFunction("poll", types.int32(types.uintp, types.uintp, types.int32))
+    _read = types.ExternalFunction("read", types.int64(types.int32, types.uintp, types.uintp))
+    _write = types.ExternalFunction("write", types.int64(types.int32, types.uintp, types.uintp))
+    _poll = types.ExternalFunction("poll", types.int32(types.uintp, types.uintp, types.int32))
 
 
 @native

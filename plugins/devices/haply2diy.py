@@ -53,7 +53,8 @@ class Haply2diyConnection(Connection):
         super().__init__()
         self._hardware, self._board = HARDWARE[hardware], records(1, BOARD)[0]
         self._board.base_m, self._board.homed = self._hardware.base_m, int(homed)
-        self._port, self._clock, self._bound = SerialPort("haply2diy", port, BAUD), new_clock(), (None, ())
+        self._port, self._clock = SerialPort("haply2diy", port, BAUD), new_clock()
+        self._bound: tuple[Any, tuple[BoundCall, BoundCall]] | None = None
         self._board.polled_ns = now_ns(self._clock)
         try:
             self._set_up()
@@ -69,7 +70,7 @@ class Haply2diyConnection(Connection):
         self._set_up()
 
     def calls(self) -> tuple[BoundCall, BoundCall]:
-        if self._bound[0] is not self.state:  # the servo has moved it
+        if self._bound is None or self._bound[0] is not self.state:  # the servo has moved it
             pair = np.zeros(2, np.float32)
             message = np.frombuffer(run_message((0.0, 0.0)), np.uint8).copy()
             buffers = pair, pair.view(np.uint8), message, self._clock
