@@ -11,7 +11,7 @@ receives the compiled tick by `schedule`, and the vendor's thread calls it betwe
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from hapscene.device.model import Device
 from hapscene.errors import DeviceError, no_such
 from hapscene.geometry import Vector
 from hapscene.records import Records, records
+
+if TYPE_CHECKING:
+    from hapscene.compiled.bound_call import BoundCall
 
 __all__ = [
     "BUTTON_ROOM",
@@ -166,6 +169,20 @@ class Connection:
         """
         raise NotImplementedError
 
+    def compiled(self) -> "tuple[BoundCall, BoundCall] | None":
+        """`read` and `write` as C functions that neither wait nor use Python, so that the loop needs no Python.
+
+        They set `state.ready` to 0 at a problem, and `check` raises it. None if Python reads and writes the device.
+        """
+        return None
+
+    def check(self) -> None:
+        """Check that the device is still connected. Called ten times a second, in parallel with compiled reads.
+
+        Raises:
+            DeviceError: the device was disconnected.
+        """
+
     def home(self) -> None:
         """Take the present position as the home position, which `Driver.home` describes. The force is 0.
 
@@ -207,13 +224,6 @@ class VendorConnection(Connection):
             DeviceError: error of the vendor's library.
         """
         raise NotImplementedError
-
-    def check(self) -> None:
-        """Check that the device is still connected. Called ten times a second, in parallel with the vendor's thread.
-
-        Raises:
-            DeviceError: the device was disconnected.
-        """
 
     def unschedule(self) -> None:
         """Stop the tick and set the force to 0. Returns when no call is running; may be called twice.

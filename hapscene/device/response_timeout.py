@@ -6,7 +6,7 @@ from hapscene.device.driver import Connection
 from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["ResponseTimeout"]
+__all__ = ["GONE_S", "PAUSE_S", "ResponseTimeout"]
 
 GONE_S: Final = 0.5
 """Time without a valid answer after which a device counts as disconnected [s]. The servo stops its force after 10

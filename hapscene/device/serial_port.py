@@ -1,14 +1,24 @@
-"""Serial ports for drivers: search, exclusive access, reads that never wait, and messages that stay complete."""
+"""Serial ports for drivers: search, exclusive access, reads that never wait, and messages that stay complete.
+
+`SerialPort` is for Python, `SerialLine` for compiled code, which reads and writes the same port without Python.
+"""
 
 import errno
 import os
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from hapscene.compiled.native import INTERPRETED, native
 from hapscene.device.driver import Found
 from hapscene.errors import DeviceError
+from hapscene.records import records
 from hapscene.wall_clock import CLOCK, Clock
 
 try:
@@ -16,7 +26,7 @@ try:
 except ImportError:  # Windows has none
     PortError = OSError  # type: ignore[misc,assignment]
 
-__all__ = ["SERIAL_MODULES", "SerialPort", "chosen_port", "find_ports"]
+__all__ = ["SERIAL_MODULES", "SerialLine", "SerialPort", "chosen_port", "discard", "find_ports", "receive", "send"]
 
 SERIAL_MODULES: Final = ("serial", "serial.tools.list_ports")
 """Modules that a driver of a serial device imports when it is opened (`Driver.imports`)."""
@@ -67,11 +77,114 @@ def chosen_port(driver: str, port: str | None) -> str:
     return str(found[0].options["port"])
 
 
+LINE: Final = np.dtype(
+    [
+        ("file", "i8"),  # file descriptor; −1 if Python reads and writes the port (`SerialPort.exchange`)
+        ("received", "i8"),  # number of bytes in `SerialLine.input`
+        ("unsent", "i8"),  # number of bytes in `SerialLine.output`
+        ("accepted_ns", "i8"),  # time at which the port last accepted all bytes
+        ("problem", "i8"),  # DISCONNECTED or REFUSED; 0: no problem
+    ],
+    align=True,
+)
+"""State of a `SerialLine`."""
+
+DISCONNECTED, REFUSED = 1, 2
+
+GONE_EVENTS: Final = 0x38
+"""POLLERR, POLLHUP and POLLNVAL in the result of `poll`."""
+
+
+class SerialLine(NamedTuple):
+    """An open serial port for compiled code. Its functions never wait."""
+
+    state: Any  # LINE
+    input: NDArray[np.uint8]  # (256,) received bytes, which the driver removes
+    output: NDArray[np.uint8]  # (64,) bytes that the port has not accepted yet; they precede the next message
+    poll: NDArray[np.int32]  # (2,) a `struct pollfd`
+
+
+_read: Any
+_write: Any
+_poll: Any
+
+if INTERPRETED or sys.platform == "win32":
+
+    @native
+    def _read(file: int, address: int, count: int) -> int:
+        return 0
+
+    _write = _read
+
+    @native
+    def _poll(address: int, count: int, timeout_ms: int) -> int:
+        return 0
+
+else:
+    _read = types.ExternalFunction("read", types.int64(types.int32, types.uintp, types.uintp))
+    _write = types.ExternalFunction("write", types.int64(types.int32, types.uintp, types.uintp))
+    _poll = types.ExternalFunction("poll", types.int32(types.uintp, types.uintp, types.int32))
+
+
+@native
+def receive(line: SerialLine) -> None:
+    """Append the bytes that have arrived to `line.input`; what does not fit remains in the port."""
+    state, room = line.state, len(line.input) - line.state.received
+    if state.file < 0 or room == 0:
+        return
+    count = _read(np.int32(state.file), np.uintp(line.input.ctypes.data + state.received), np.uintp(room))
+    if count > 0:
+        state.received += count
+        return
+    line.poll[0], line.poll[1] = state.file, 0  # a read cannot tell a disconnected port from one without data
+    if _poll(np.uintp(line.poll.ctypes.data), np.uintp(1), np.int32(0)) > 0 and line.poll[1] >> 16 & GONE_EVENTS:
+        state.problem = DISCONNECTED
+
+
+@native
+def discard(line: SerialLine) -> None:
+    """Discard all bytes that have arrived."""
+    for _ in range(16):  # the buffer of the system holds 4096 bytes
+        line.state.received = 0
+        receive(line)
+        if line.state.received < len(line.input):
+            break
+    line.state.received = 0
+
+
+@native
+def send(line: SerialLine, message: NDArray[np.uint8], now: int) -> None:
+    """Send a message at a time `now` [ns]. If the port has not accepted the one before completely, it is dropped."""
+    state = line.state
+    _send_unsent(line, now)
+    if state.unsent == 0:
+        for k in range(len(message)):
+            line.output[k] = message[k]
+        state.unsent = len(message)
+        _send_unsent(line, now)
+
+
+@native
+def _send_unsent(line: SerialLine, now: int) -> None:
+    state = line.state
+    if state.file >= 0 and state.unsent > 0:
+        count = _write(np.int32(state.file), np.uintp(line.output.ctypes.data), np.uintp(state.unsent))
+        if count > 0:
+            for k in range(state.unsent - count):
+                line.output[k] = line.output[count + k]
+            state.unsent -= count
+        if state.unsent > 0 and now - state.accepted_ns > WRITE_S * 1e9:
+            state.problem = REFUSED
+    if state.unsent == 0:
+        state.accepted_ns = now
+
+
 class SerialPort:
     """An open serial port. Every error is a `DeviceError` that starts with `name`.
 
     Attributes:
         name: name of the driver and of the port, for messages.
+        line: the same port for compiled code.
     """
 
     def __init__(self, driver: str, port: str | None, baud: int, alone: bool = True, clock: Clock = CLOCK) -> None:
@@ -93,6 +206,9 @@ class SerialPort:
 
         port = chosen_port(driver, port)
         self.name, self._clock, self._unsent = f"{driver}: {port}", clock, b""
+        self.line = SerialLine(
+            records(1, LINE)[0], np.zeros(256, np.uint8), np.zeros(64, np.uint8), np.zeros(2, np.int32)
+        )
         try:
             exclusive = True if alone and os.name == "posix" else None
             self._serial: Any = serial.Serial(port, baud, timeout=0.0, write_timeout=WRITE_S, exclusive=exclusive)
@@ -101,6 +217,23 @@ class SerialPort:
                 raise DeviceError(f"{self.name}: in use; close the other program that uses it") from None
             remedy = f"; {PERMISSION}" if getattr(error, "errno", None) == errno.EACCES else ""
             raise DeviceError(f"{self.name}: cannot be opened: {error}{remedy}") from None
+        self.line.state.file = self._serial.fileno() if os.name == "posix" and not INTERPRETED else -1
+
+    def exchange(self) -> None:
+        """Move bytes between the port and `line`, where compiled code cannot: on Windows, and when interpreted."""
+        line = self.line
+        if line.state.file < 0:
+            data = self.read()[: len(line.input) - line.state.received]
+            line.input[line.state.received :][: len(data)] = np.frombuffer(data, np.uint8)
+            line.state.received += len(data)
+            if line.state.unsent:
+                self.write(b"")
+
+    def check(self) -> None:
+        """Raise the DeviceError of a problem that compiled code found."""
+        if self.line.state.problem:
+            disconnected = self.line.state.problem == DISCONNECTED
+            raise self._gone(OSError("hung up") if disconnected else TimeoutError("it accepts no data"))
 
     def read(self) -> bytes:
         """All bytes that have arrived, possibly none. Does not wait."""
@@ -143,7 +276,9 @@ class SerialPort:
             self._serial.close()
 
     def _put(self, data: bytes, timeout_s: float) -> None:
-        self._unsent += data
+        line = self.line
+        self._unsent += line.output[: line.state.unsent].tobytes() + data
+        line.state.unsent = 0
         end_s = self._clock.now_s() + timeout_s
         while self._unsent:
             if os.name == "posix":

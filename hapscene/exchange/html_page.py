@@ -43,7 +43,7 @@ from hapscene.view.palette import distinct_colours, rgb
 if TYPE_CHECKING:
     from PIL import Image
 
-__all__ = ["html_page", "write_html"]
+__all__ = ["SHOWN_MAX", "html_page", "scene_json", "write_html"]
 
 SHOWN_MAX: Final = 150_000
 """Default of the largest number of triangles of a page [count]: about 2 MB."""
@@ -99,13 +99,16 @@ def html_page(scene: Scene, title: str, shown_max: int = SHOWN_MAX) -> str:
         SceneError: no body has a face with an area.
     """
     folder = files("hapscene.web").joinpath("touch_page")
-    part = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "sound.js", "page.js")}
+    part = {
+        name: folder.joinpath(name).read_text(encoding="utf-8")
+        for name in ("page.css", "sound.js", "view.js", "page.js")
+    }
     style, *scripts = (
         f"'sha256-{base64.b64encode(hashlib.sha256(t.encode()).digest()).decode()}'" for t in part.values()
     )
     part["policy"] = f"default-src 'none'; script-src {' '.join(scripts)} data:; style-src {style}; img-src data:"
     part["title"] = html.escape(printable(title, 70))
-    part["scene"] = _scene_json(scene, printable(title, 70), shown_max).replace("<", "\\u003c")
+    part["scene"] = scene_json(scene, printable(title, 70), shown_max).replace("<", "\\u003c")
     page = folder.joinpath("page.html").read_text(encoding="utf-8")
     return re.sub(r"{{([\w.]+)}}", lambda found: part[found[1]], page)
 
@@ -148,7 +151,8 @@ class _Solid(NamedTuple):
     uv: Array
 
 
-def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
+def scene_json(scene: Scene, title: str, shown_max: int = SHOWN_MAX) -> str:
+    """Return the data of a page as JSON: see `html_page`."""
     used = np.array(used_swatches(scene))
     colours = distinct_colours(scene.swatches, used.tolist())
     pictures: dict[Material, Image.Image] = {}

@@ -3,7 +3,7 @@
 A `Loop` holds everything that a tick acts on. `CHANNEL.pace` selects who waits for the next tick:
 
     FREE       no wait: the ticks of a reference trajectory run one after the other (`Twin`)
-    TIMED      the driver waits until a tick is due (simulated devices of a `Servo`)
+    TIMED      the driver waits until a tick is due (simulated devices of a `Servo`, and compiled drivers)
     CALLED     the caller waits, reads the device and writes to it between single ticks (drivers in Python)
     SCHEDULED  a thread of the vendor's library calls single ticks
 
@@ -14,11 +14,12 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
 from hapscene.compiled.bound_call import BoundCall, loaded
-from hapscene.compiled.entry import address_of, call_flags
+from hapscene.compiled.entry import address_of, c_caller, call_flags
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
 from hapscene.contact.prediction import FRAME, PREDICTED, predict_bodies
@@ -124,6 +125,7 @@ class Loop(NamedTuple):
     memory: Any  # state of the ticks of all tools, a tuple of byte arrays
     checkpoints: Any  # (CHECKPOINT_COUNT, room) bytes
     checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,)
+    drivers: NDArray[np.uintp]  # (d, 4) read function and its argument, write function and its argument; if TIMED
 
 
 def new_loop(
@@ -138,6 +140,7 @@ def new_loop(
         "hands": np.zeros((0, 5, 3)),
         "checkpoints": np.zeros((0, 0), np.uint8),
         "checkpoint_ticks": np.zeros(0, np.int64),
+        "drivers": np.zeros((0, 4), np.uintp),
         "timer": Timer(channel, clock, parts.pop("timing", records(1, TIMING)[0]), tick_ns),
     }
     return Loop(
@@ -200,17 +203,24 @@ def bound(loop: Loop) -> BoundCall:
 @native
 def drive(loop: Loop) -> int:
     """Run ticks until `channel.pause` is set or `channel.until` are complete; just one if the caller keeps time."""
-    channel = loop.timer.channel
+    channel, drivers = loop.timer.channel, loop.drivers
     once = channel.pace >= CALLED
     while once or (channel.pause == 0 and channel.done < channel.until):
         if channel.pace == TIMED:
             wait_for_tick(loop.timer)
+            for k in range(len(drivers)):
+                _call(drivers[k, 0], (drivers[k, 1],))
         elif channel.pace == SCHEDULED:
             _note_start(loop.timer)
         _tick_tools(loop)
         if once:
             break
+        for k in range(len(drivers)):
+            _call(drivers[k, 2], (drivers[k, 3],))
     return 0
+
+
+_call = c_caller(types.void, types.uintp)
 
 
 @native

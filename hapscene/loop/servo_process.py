@@ -265,7 +265,8 @@ class OrderHandler:
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
         channel.channel.checkpoint_size = sum(len(part) for part in parts)
         self._alone = len(self._twins) == 1 and bool(self._vendors)  # the vendor's thread calls the tick
-        driven = len(self.connections) > len(self._vendors) or bool(self._clock[VIRTUAL])  # tick by tick, from Python
+        by_python = [device for device in self.connections if device not in self._vendors and not device.compiled()]
+        driven = bool(by_python) or bool(self._clock[VIRTUAL])  # tick by tick, from Python
         pace = SCHEDULED if self._alone else CALLED if driven else TIMED
         channel.channel.pace, channel.channel.until = pace, np.iinfo(np.int64).max
         self._bind()  # compiles before the loop starts
@@ -363,9 +364,9 @@ class OrderHandler:
         self.write_faults()
         reasons = [connection.reason(int(connection.state.trouble[0])) for connection in self.connections]
         write_text(self._channel.notice, "; ".join(filter(None, reasons)))
-        for vendor in self._vendors if self._stop is not None else ():  # a paused vendor's thread calls no tick
+        for device in self.connections if self._stop is not None else ():  # a paused vendor's thread calls no tick
             try:
-                vendor.check()
+                device.check()
             except Exception as error:
                 self._note_fault(error)
                 self.pause()
@@ -559,13 +560,13 @@ class OrderHandler:
             deque(self._device_loop(), 0)
         else:
             self._bind()[0]()
-            self._channel.channel.waiting = BLOCKING  # until `_end_loop`
+            self._stop_forces()
 
     def _device_loop(self) -> Iterator[None]:
         """Read, tick and write devices that Python drives; one tick each time the iterator advances."""
         tick, wait = self._bind()
         pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
-        connections = [device for device in self.connections if device not in self._vendors]
+        connections = self._own_connections()
         try:
             while pause[0] == 0:
                 wait()
@@ -581,12 +582,19 @@ class OrderHandler:
                 yield
         except Exception as error:  # a device or its driver failed
             self._note_fault(error)
-        waiting[0] = BLOCKING
-        for connection in connections:  # no force during a pause
+        self._stop_forces()
+        self._channel.channel.pause, waiting[0] = 1, ENDED  # also after a fault
+
+    def _own_connections(self) -> list[Connection]:
+        return [device for device in self.connections if device not in self._vendors]
+
+    def _stop_forces(self) -> None:
+        """Send a force of zero; the watchdog waits for it until `_end_loop`."""
+        self._channel.channel.waiting = BLOCKING
+        for connection in self._own_connections():  # no force during a pause
             connection.state.f_D_N = 0.0
             with suppress(Exception):
                 connection.write()
-        self._channel.channel.pause, waiting[0] = 1, ENDED  # also after a fault
 
     def _bind(self) -> tuple[BoundCall, BoundCall]:
         """Bind the compiled driver and the wait for a tick to the present arrays; the first tick is one period away."""
@@ -610,6 +618,15 @@ class OrderHandler:
             write_text(self._channel.fault, text)
             self._faults.append(text)
 
+    def _drivers(self) -> NDArray[np.uintp]:
+        """Compiled drivers, as in `Loop`; none if Python calls them."""
+        if self._channel.channel[0].pace != TIMED:
+            return np.zeros((0, 4), np.uintp)
+        calls = [device.compiled() or () for device in self._own_connections()]
+        return np.array(
+            [[x for call in pair for x in (call.address, call.context)] for pair in calls], np.uintp
+        ).reshape(-1, 4)
+
     def _loop(self) -> Loop:
         c = self._channel
         return new_loop(
@@ -627,4 +644,5 @@ class OrderHandler:
             a_handle_m_s2=c.a_handle_m_s2,
             checkpoints=c.checkpoints,
             checkpoint_ticks=c.checkpoint_ticks,
+            drivers=self._drivers(),
         )

@@ -24,6 +24,7 @@ __all__ = [
     "TopView",
     "between",
     "bounds_of",
+    "caster_of",
     "lines_of",
     "look_from_above",
     "places_to_feel",
@@ -70,7 +71,7 @@ def look_from_above(scene: "Scene") -> Look:
     It uses trimesh's rays in float32, which are accurate to a micrometre at the size of a scene, enough for a target.
     """
     top_m = max(float(bounds_of(body)[1, 2]) for body in scene.bodies) + 1.0
-    casters = {id(body.mesh): _caster(body.mesh) for body in scene.bodies}
+    casters = {id(body.mesh): caster_of(body.mesh) for body in scene.bodies}
 
     def look(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> TopView:
         count = len(x_m)
@@ -96,7 +97,8 @@ def look_from_above(scene: "Scene") -> Look:
     return look
 
 
-def _caster(mesh: "Mesh") -> Any:
+def caster_of(mesh: "Mesh") -> Any:
+    """A `trimesh` object that casts rays in the frame of the body, with the search structure of Embree."""
     import trimesh
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 

@@ -1,61 +1,72 @@
 // Sends pointer events to the server, and draws the touch that the server reports.
 
-const $ = (id) => document.getElementById(id);
-const pad = $("pad"), ink = pad.getContext("2d"), dark = matchMedia("(prefers-color-scheme: dark)");
+const pad = $("pad"), ink = pad.getContext("2d");
 const SEND_MS = 4, REPEAT_MS = 100, SHOWN_S = 3;
-let state = { size: [4, 3], bodies: [], used: [], width_m: 0.16, depth_max_m: 0.003, tools: 1, swatches: [], effects: {}, resets: 0, bin_s: 0.003 };
+let state = { used: [], depth_max_m: 0.003, tools: 1, swatches: [], effects: {}, resets: 0, bin_s: 0.003 };
 let felt = [], socket = null, open = false;
 const start = { depth: $("depth").value, volume: $("volume").value };
 
-// --- the picture, rotated if the page is high and the scene is wide
+// --- view: view.js draws the scene, and its camera stays above the ground, so that each line of sight points downwards
 
-const picture = new Image();
-picture.onload = () => { picture.ready = true; };
-picture.onerror = () => { picture.ready = false; };
-const load = () => { picture.ready = false; picture.src = dark.matches ? "dark.png" : "light.png"; };
-dark.addEventListener("change", load);
+Object.assign(camera, { yaw: 0, pitch: 1.1, lowest: 0.45, margin_px: 26 });
+const HOME = { ...camera };
+let drawn = false; // whether the scene is drawn; otherwise a frame around the pad is
 
-const WHOLE = [0, 0, 1, 1];
-let shown = WHOLE; // part of the picture that fills the canvas: u and v from, to
-
-function place() { // position of the picture in the canvas [CSS pixels]
-  const box = pad.getBoundingClientRect(), [pw, ph] = state.size, [u0, v0, u1, v1] = shown;
-  const size = (w, h) => Math.min(box.width / w, box.height / h), [sw, sh] = [pw * (u1 - u0), ph * (v1 - v0)];
-  const turned = size(sh, sw) > 1.2 * size(sw, sh), scale = turned ? size(sh, sw) : size(sw, sh);
-  const [w, h] = (turned ? [ph, pw] : [pw, ph]).map((side) => side * scale);
-  const [u, v] = [(u0 + u1) / 2, (v0 + v1) / 2], [x, y] = turned ? [1 - v, u] : [u, v];
-  return { box, turned, w, h, x: box.width / 2 - x * w, y: box.height / 2 - y * h };
+async function load() {
+  const reply = await fetch("scene.json");
+  if (!reply.ok) return; // a pad without a scene
+  const given = await reply.json();
+  block = await unpack(given.data);
+  take_scene(given);
+  await load_pictures();
+  set_up();
+  drawn = true;
+  listViews();
 }
 
-function toPicture(event, anywhere) { // u, v in the picture, 0 to 1; null outside of what is shown
-  const at = place(), inBox = [event.clientX - at.box.left, event.clientY - at.box.top];
-  const [x, y] = [(inBox[0] - at.x) / at.w, (inBox[1] - at.y) / at.h];
-  const inside = x >= 0 && x <= 1 && y >= 0 && y <= 1 && inBox[0] >= 0 && inBox[0] <= at.box.width && inBox[1] >= 0 && inBox[1] <= at.box.height;
-  if (!inside && !anywhere) return null;
-  return at.turned ? [y, 1 - x] : [x, y];
+const seen = new ResizeObserver(() => { if (scene) { if (!touchedView) choose(); if (drawn) redraw(); } });
+dark.addEventListener("change", () => { if (drawn) redraw(); });
+canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+canvas.addEventListener("webglcontextrestored", () => { set_up(); redraw(); });
+
+function sight(event, anywhere) { // line of sight through the pointer: eye and direction; null outside of the canvas
+  const box = pad.getBoundingClientRect(), x = 2 * (event.clientX - box.left) / box.width - 1, y = 1 - 2 * (event.clientY - box.top) / box.height;
+  if (!scene || (!anywhere && (Math.abs(x) > 1 || Math.abs(y) > 1))) return null;
+  const { right, up, back, high, wide, eye } = lens();
+  return [eye, add(add(right.map((a) => a * x * wide), up, y * high), back, -1)];
 }
 
-const around = ([u0, v0, u1, v1], share) => [u0 - share * (u1 - u0), v0 - share * (v1 - v0), u1 + share * (u1 - u0), v1 + share * (v1 - v0)];
-
-function zoom(event) { // about the pointer, at most to the whole picture
-  const [u, v] = toPicture(event, true), by = 1.1 ** Math.sign(event.deltaY);
-  const next = [u + (shown[0] - u) * by, v + (shown[1] - v) * by, u + (shown[2] - u) * by, v + (shown[3] - v) * by];
-  if (next[2] - next[0] > 1 && next[3] - next[1] > 1) shown = WHOLE;
-  else if (next[2] - next[0] > 0.02) shown = next;
+function project(p) { // position of a point of the scene in the canvas, and pixels per metre there [CSS pixels]
+  const { right, up, back, high, wide, eye } = lens(), q = add(p, eye, -1), far = -dot(q, back), { clientWidth: w, clientHeight: h } = pad;
+  return { x: w / 2 * (1 + dot(q, right) / far / wide), y: h / 2 * (1 - dot(q, up) / far / high), scale: h / 2 / far / high };
 }
 
-function listViews() { // the scene and its bodies; a narrow page begins with the body in the middle
-  const middle = ([, [u0, , u1]]) => Math.abs((u0 + u1) / 2 - 0.5);
-  const nearest = state.bodies.reduce((best, body) => middle(body) < middle(best) ? body : best, state.bodies[0]);
-  $("view").replaceChildren(new Option("whole scene", ""), ...state.bodies.map(([name], k) => new Option(name, k)));
-  $("viewlabel").hidden = state.bodies.length < 2;
-  $("view").value = innerWidth < 600 && state.bodies.length > 1 ? state.bodies.indexOf(nearest) : "";
+let touchedView = false; // whether the view was moved, which a new size of the page then keeps
+const moveView = (act) => { if (drawn) { touchedView = true; act(); send({ active: true }); } };
+
+function listViews() { // the scene and its bodies; a narrow page begins with one body
+  $("view").replaceChildren(new Option("whole scene", ""), ...scene.bodies.map(({ name }, k) => new Option(name, k)));
+  $("viewlabel").hidden = scene.bodies.length < 2;
+  $("view").value = innerWidth < 600 && scene.bodies.length > 1 ? scene.main : "";
   choose();
 }
 
 function choose() {
-  const body = state.bodies[$("view").value];
-  shown = $("view").value === "" || !body ? WHOLE : around(body[1], 0.06);
+  touchedView = false;
+  const body = scene?.bodies?.[$("view").value], wide = body ? sizeOf(body) : scene.size;
+  // a high page shows a wide scene along its height
+  Object.assign(camera, HOME, pad.clientHeight > 1.2 * pad.clientWidth && wide[0] > 1.2 * wide[1] ? { yaw: Math.PI / 2 } : {});
+  if (drawn) fit(body, true); else Object.assign(camera, { target: middle, distance: 3 * radius });
+}
+
+function sizeOf({ first, count }) { // of the box around a body [m]
+  const position = array(scene.position), corners = array(scene.faces), low = [1, 1, 1], high = [0, 0, 0];
+  for (let i = first; i < first + count; i++) for (let axis = 0; axis < 3; axis++) {
+    const x = position[3 * corners[i] + axis] / 65535;
+    low[axis] = Math.min(low[axis], x);
+    high[axis] = Math.max(high[axis], x);
+  }
+  return high.map((x, axis) => (x - low[axis]) * scene.size[axis]);
 }
 $("view").addEventListener("change", () => { lift(); choose(); $("view").blur(); });
 
@@ -70,8 +81,9 @@ function listMaterials() {
 
 // --- pointers
 
-const down = new Map(); // by pointer id: [u, v, depth relative to the maximum]
-const pressed = new Set(); // pointer ids, also of those that are pressed beside the picture
+const down = new Map(); // by pointer id: [eye, direction, depth relative to the maximum]
+const stroking = new Set(); // pointer ids, also of those that are pressed beside the scene
+const pointers = new Map(); // last event of each pressed pointer
 const waiting = new Set();
 let sentAt = 0, timer = 0;
 
@@ -95,7 +107,7 @@ function soon(id) {
 }
 
 function take(event) {
-  const at = toPicture(event);
+  const at = sight(event);
   if (at === null) { release(event); return; }
   down.set(event.pointerId, [at[0], at[1], Math.min(Math.max(shareOf(event), 0), 1)]);
   soon(event.pointerId);
@@ -106,26 +118,42 @@ function release(event) {
 }
 
 function up(event) {
-  pressed.delete(event.pointerId);
+  stroking.delete(event.pointerId);
+  pointers.delete(event.pointerId);
   release(event);
 }
 
-pad.addEventListener("pointerdown", (event) => {
-  if (event.button !== 0) return;
+pad.addEventListener("pointerdown", (event) => { // one pointer strokes; the right button, Shift or two fingers turn
   event.preventDefault();
   document.activeElement?.blur(); // so that Space does not press a button
   try { pad.setPointerCapture(event.pointerId); } catch { /* the pointer has been released */ }
-  pressed.add(event.pointerId);
-  take(event);
+  pointers.set(event.pointerId, event);
+  if (pointers.size > 1) lift();
+  else if (event.button === 0 && !event.shiftKey) { stroking.add(event.pointerId); take(event); }
 });
-const moved = (event) => { if (pressed.has(event.pointerId)) take(event); };
+
+function moved(event) {
+  const old = pointers.get(event.pointerId);
+  if (!old) return;
+  if (stroking.has(event.pointerId)) take(event);
+  else if (event.type === "pointermove") {
+    const dx = (event.clientX - old.clientX) / pointers.size, dy = (event.clientY - old.clientY) / pointers.size;
+    const other = [...pointers.values()].find((one) => one !== old), far = (one) => Math.hypot(one.clientX - other.clientX, one.clientY - other.clientY);
+    moveView(() => { if (event.buttons & 4) pan(dx, dy); else turn(dx, dy); if (other) zoom(far(old) / Math.max(far(event), 1)); });
+  } else return;
+  pointers.set(event.pointerId, event);
+}
 pad.addEventListener("pointermove", moved);
 if ("onpointerrawupdate" in window) pad.addEventListener("pointerrawupdate", moved);
 for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) pad.addEventListener(kind, up);
 pad.addEventListener("contextmenu", (event) => event.preventDefault());
-pad.addEventListener("wheel", (event) => {
+pad.addEventListener("wheel", (event) => { // during a stroke, it sets the depth
   event.preventDefault();
-  if (event.ctrlKey) { zoom(event); return; }
+  if (event.ctrlKey || !down.size) {
+    moveView(() => zoom(Math.exp(0.0015 * Math.min(Math.max(event.deltaY, -200), 200))));
+    for (const id of down.keys()) take(pointers.get(id)); // the pointer stays, the view moves
+    return;
+  }
   $("depth").value = +$("depth").value - Math.sign(event.deltaY) * 0.1;
   deepen();
   send({ active: true });
@@ -138,7 +166,7 @@ function deepen() {
 let mouse = -1;
 pad.addEventListener("pointerdown", (event) => { if (event.pointerType === "mouse") mouse = event.pointerId; });
 
-function lift() { down.clear(); pressed.clear(); send({ lift: true }); }
+function lift() { down.clear(); stroking.clear(); send({ lift: true }); }
 setInterval(() => { for (const id of down.keys()) soon(id); }, REPEAT_MS);
 document.addEventListener("visibilitychange", () => { if (document.hidden) lift(); });
 addEventListener("pagehide", lift);
@@ -146,7 +174,9 @@ addEventListener("pagehide", lift);
 // --- keys and switches
 
 addEventListener("keydown", (event) => {
-  if (event.key === "Escape") lift();
+  const view = { ArrowLeft: () => turn(-12, 0), ArrowRight: () => turn(12, 0), ArrowUp: () => turn(0, -12), ArrowDown: () => turn(0, 12), "+": () => zoom(0.9), "-": () => zoom(1.1) }[event.key];
+  if (view && !["INPUT", "SELECT"].includes(event.target.tagName)) { event.preventDefault(); moveView(view); }
+  else if (event.key === "Escape") lift();
   else if (event.key === " " && !["BUTTON", "INPUT"].includes(event.target.tagName)) {
     event.preventDefault();
     if (!event.repeat) send({ pause: !state.paused });
@@ -175,7 +205,11 @@ for (const trace of Object.values(traces)) trace.values = [];
 function takeState(next) {
   const first = state.title === undefined, reset = next.resets !== state.resets && !first;
   state = next;
-  if (first) { listViews(); listMaterials(); }
+  if (first) {
+    listMaterials();
+    if (!drawn) { take_scene({ low: state.low, size: state.size }); choose(); }
+    seen.observe(canvas);
+  }
   document.title = $("title").textContent = state.title || "hapscene";
   for (const button of document.querySelectorAll("[data-effect]"))
     button.setAttribute("aria-pressed", state.effects[button.dataset.effect]);
@@ -187,7 +221,7 @@ function takeState(next) {
   say(state.said || (state.paused ? "paused" : ""), !!state.said);
   $("busy").hidden = state.ready;
   if (reset) {
-    listViews();
+    if (drawn) listViews();
     for (const trace of Object.values(traces)) trace.values.length = 0;
     down.clear();
     for (const id of ["depth", "volume"]) { $(id).value = start[id]; }
@@ -227,7 +261,7 @@ function connect() {
 
 function lose() {
   if (open) say("Connection lost: the program has ended, or the network is down", true);
-  open = false; received = 0; felt = []; down.clear(); pressed.clear();
+  open = false; received = 0; felt = []; down.clear(); stroking.clear();
   setTimeout(connect, 1000);
 }
 
@@ -252,26 +286,42 @@ function fitted(canvas) { // matches the canvas to the screen pixels; returns co
 }
 
 function drawPad() {
-  fitted(pad);
-  const at = place();
-  ink.save();
-  ink.translate(at.x, at.y);
-  if (at.turned) { ink.translate(at.w, 0); ink.rotate(Math.PI / 2); }
-  const [w, h] = at.turned ? [at.h, at.w] : [at.w, at.h];
-  if (picture.ready) ink.drawImage(picture, 0, 0, w, h);
-  else { ink.strokeStyle = colour("--line"); ink.setLineDash([6, 6]); ink.strokeRect(1, 1, w - 2, h - 2); ink.setLineDash([]); }
-  for (const [u, v, newtons] of felt) {
-    const radius = 9 + 14 * Math.sqrt(Math.min(newtons, 4));
-    for (const [style, width] of [["rgba(0,0,0,.75)", 5], ["#ffffff", 2.5]]) {
-      ink.beginPath(); ink.arc(u * w, v * h, radius, 0, 7); ink.strokeStyle = style; ink.lineWidth = width; ink.stroke();
-    }
+  const [, w, h] = fitted(pad);
+  if (!scene) return;
+  if (!drawn) {
+    const [x, y, z] = scene.low, [a, b] = scene.size, corners = [[x, y, z], [x + a, y, z], [x + a, y + b, z], [x, y + b, z]].map(project);
+    ink.strokeStyle = colour("--line"); ink.setLineDash([6, 6]); ink.beginPath();
+    for (const corner of corners) ink.lineTo(corner.x, corner.y);
+    ink.closePath(); ink.stroke(); ink.setLineDash([]);
   }
-  ink.restore();
-  const long = 10 ** Math.floor(Math.log10(state.width_m * 0.4 * Math.min(1, shown[2] - shown[0]))), px = long / state.width_m * w;
+  for (const [place, newtons] of felt) drawStylus(place, newtons);
+  const each = project(camera.target).scale, long = 10 ** Math.floor(Math.log10(0.4 * w / each)); // scale in the middle
   ink.fillStyle = colour("--dim");
-  ink.fillRect(12, at.box.height - 14, px, 2);
+  ink.fillRect(12, h - 14, long * each, 2);
   ink.font = "12px system-ui, sans-serif";
-  ink.fillText(long < 1 ? `${Math.round(long * 1e3)} mm` : `${long} m`, 12, at.box.height - 20);
+  ink.fillText(long < 1 ? `${Math.round(long * 1e3)} mm` : `${long} m`, 12, h - 20);
+}
+
+const STYLUS_PX = 150; // length of the stylus
+
+function drawStylus(place, newtons) { // a pointer has no orientation: the stylus leans to the right, towards the hand
+  const tip = project(place), { right } = lens(), top = [0.35, 0.25, 0.9].reduce((p, part, i) => add(p, [right, cross(right, [0, 0, 1]), [0, 0, 1]][i], part * STYLUS_PX / tip.scale), place);
+  const end = project(top), [dx, dy] = [end.x - tip.x, end.y - tip.y], size = Math.hypot(dx, dy) || 1, [nx, ny] = [-dy / size, dx / size];
+  const at = (along, aside) => [tip.x + along * dx + aside * nx, tip.y + along * dy + aside * ny];
+  const shape = (points, fill) => {
+    ink.beginPath();
+    for (const [along, aside] of points) ink.lineTo(...at(along, aside));
+    ink.closePath(); ink.fillStyle = fill; ink.fill();
+  };
+  const radius = 5 + 8 * Math.sqrt(Math.min(newtons, 4)), wide = 6;
+  for (const [style, width] of [["rgba(0,0,0,.6)", 3.5], ["#ffffff", 2]]) { // ring: the force
+    ink.beginPath(); ink.arc(tip.x, tip.y, radius, 0, 7); ink.strokeStyle = style; ink.lineWidth = width; ink.stroke();
+  }
+  const barrel = ink.createLinearGradient(...at(0, -wide), ...at(0, wide));
+  for (const [part, tone] of [[0, "#2b3440"], [0.35, "#93a1b3"], [1, "#1b222b"]]) barrel.addColorStop(part, tone);
+  shape([[0.12, -wide - 1], [0, -1.5], [0, 1.5], [0.12, wide + 1], [1, wide + 1], [1, -wide - 1]], "rgba(255,255,255,.75)");
+  shape([[0.13, -wide], [0.13, wide], [1, wide], [1, -wide]], barrel);
+  shape([[0, -0.8], [0, 0.8], [0.13, wide], [0.13, -wide]], "#d9dee5");
 }
 
 function drawTrace(name, trace) {
@@ -292,19 +342,20 @@ function drawTrace(name, trace) {
 function draw() {
   drawPad();
   for (const [name, trace] of Object.entries(traces)) drawTrace(name, trace);
-  const last = felt[felt.length - 1], swatch = last && state.swatches[last[4]];
+  const last = felt[felt.length - 1], swatch = last && state.swatches[last[3]];
   $("swatch").value = swatch ? swatch[0] : last ? "surface" : "no contact";
   $("chip").style.setProperty("--chip", swatch ? swatch[1] : "transparent");
-  $("numbers").value = last ? `${last[2].toFixed(1)} N, ${last[3].toFixed(1)} mm` : "";
+  $("numbers").value = last ? `${last[1].toFixed(1)} N, ${last[2].toFixed(1)} mm` : "";
   const recent = traces.a.values.slice(-Math.ceil(0.1 / state.bin_s));
   const rms = Math.sqrt(recent.reduce((sum, x) => sum + x * x, 0) / (recent.length || 1));
   $("level").firstElementChild.style.transform = `scaleX(${Math.min(Math.log10(1 + 9 * rms / 20), 1)})`;
   requestAnimationFrame(draw);
 }
 
+if (matchMedia("(pointer: coarse)").matches) $("hint").textContent = "One finger strokes, two fingers turn and zoom.";
 load();
 deepen();
 $("volumenum").value = `${Math.round($("volume").value * 100)} %`;
 connect();
 draw();
-window.hapscene = { get state() { return state; }, get felt() { return felt; }, down, traces, place };
+window.hapscene = { get state() { return state; }, get felt() { return felt; }, down, traces, camera, project, get drawn() { return drawn; } };

@@ -15,9 +15,10 @@ import numpy as np
 from hapscene.constants import TICK_S
 from hapscene.device.driver_registry import choose
 from hapscene.errors import HapsceneError
+from hapscene.exchange.html_page import scene_json
+from hapscene.play.line_of_sight import LineOfSight
 from hapscene.play.pointer_link import PointerLink
-from hapscene.play.top_frame import TopFrame
-from hapscene.view.palette import DARK, LIGHT, albedo_colours
+from hapscene.view.palette import albedo_colours
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.server import PageConnection, WebServer
 
@@ -44,8 +45,6 @@ BINS_MAX: Final = 400
 
 SWITCHES: Final = ("wall", "friction", "lpc_texture", "tap")
 """Effects that the page can turn on and off."""
-
-PICTURES: Final = {"light.png": LIGHT, "dark.png": DARK}
 
 Sound = Callable[[bool, float], None]
 """Starts or stops sound at a volume of 0 to 1; raises HapsceneError on failure."""
@@ -88,8 +87,8 @@ class PageServer:
         self.title, self.tools, self._clock = title, tools, clock
         self.sound: Sound | None = None
         self._scene, self._kiosk_s = scene, kiosk_s
-        self.frame = TopFrame(scene)
-        self._pictures: dict[str, Future[bytes]] = {}
+        self.sight = LineOfSight(scene)
+        self._drawn: Future[str] | None = None
         self._server = WebServer(
             resources.files("hapscene.play"),
             "page",
@@ -98,15 +97,15 @@ class PageServer:
             left=self.lift,
             host=host,
             port=port,
-            content=self._picture,
+            content=self._content,
             clock=clock,
         )
         self.address, self.url, self.public = self._server.address, self._server.url, self._server.public
-        self.link = PointerLink(tools, self.frame.clear_m)
+        self.link = PointerLink(tools, self.sight.clear_m)
         self.devices = [
             choose("pointer", tool=tool, door=self.link.port, key=self.link.key, tick_s=tick_s) for tool in range(tools)
         ]
-        self._painters = ThreadPoolExecutor(1, "pictures")
+        self._drawer = ThreadPoolExecutor(1, "scene of the page")
         self._beats = Thread(target=self._beat_on)
         self._ended = Event()
         self._servo: Servo | None = None
@@ -124,8 +123,8 @@ class PageServer:
         self._paused, self._sounds, self._volume, self._said = False, False, 0.7, ""
 
     def __enter__(self) -> "PageServer":
-        for name, theme in PICTURES.items():
-            self._pictures[name] = self._painters.submit(self.frame.picture, theme)
+        if self._scene is not None and self._scene.bodies:
+            self._drawn = self._drawer.submit(scene_json, self._scene, self.title)
         self._server.open()
         self._beats.start()
         return self
@@ -146,15 +145,20 @@ class PageServer:
         self._server.close()
         if self._beats.ident is not None:
             self._beats.join()
-        self._painters.shutdown(wait=True, cancel_futures=True)
+        self._drawer.shutdown(wait=True, cancel_futures=True)
         self.lift()
         self.link.close()
 
     # --- requests and connections
 
-    def _picture(self, name: str) -> tuple[bytes, str] | None:
-        """Picture of the scene from above; without OpenGL, raises ViewError, and the page shows a frame instead."""
-        return (self._pictures[name].result(), "image/png") if name in self._pictures else None
+    def _content(self, name: str) -> tuple[bytes, str] | None:
+        """The script that draws the scene, and its data, which do not exist without bodies."""
+        if name == "view.js":
+            script = resources.files("hapscene.web").joinpath("touch_page", name)
+            return script.read_bytes(), "text/javascript; charset=utf-8"
+        if name == "scene.json" and self._drawn is not None:
+            return self._drawn.result().encode(), "application/json"
+        return None
 
     def _beat_on(self) -> None:
         version, since = self._version, -1
@@ -207,10 +211,10 @@ class PageServer:
                     pass
 
     def _points(self, page: PageConnection, value: Any) -> None:
-        """Handle [[pointer, u, v, depth relative to DEPTH_MAX_M], …]."""
-        for pointer, u, v, depth in () if self._paused else value[:10]:
-            u, v, depth = float(u), float(v), float(depth)
-            if not (isinstance(pointer, int) and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 and 0.0 <= depth <= 1.0):
+        """Handle [[pointer, position of the eye [m], direction, depth relative to DEPTH_MAX_M], …]."""
+        for pointer, eye, direction, depth in () if self._paused else value[:10]:
+            (x, y, z), (dx, dy, dz), depth = map(float, eye), map(float, direction), float(depth)
+            if not (isinstance(pointer, int) and 0.0 <= depth <= 1.0):
                 continue
             key = (page, pointer)
             if key not in self._held:
@@ -220,11 +224,11 @@ class PageServer:
                 self._held[key] = free[0], 0.0
             tool = self._held[key][0]
             self._held[key] = tool, self._clock.now_s()
-            place_m = self.frame.find(u, v)
-            if place_m is None:
-                self.link.send(tool, False, (0.0, 0.0, 0.0), 0.0)
+            found = self.sight.find((x, y, z), (dx, dy, dz))
+            if found is None:
+                self.link.lift(tool)
             else:
-                self.link.send(tool, True, place_m, depth * DEPTH_MAX_M)
+                self.link.press(tool, *found, depth * DEPTH_MAX_M)
 
     def _up(self, page: PageConnection, value: Any) -> None:
         for pointer in value[:10]:
@@ -281,7 +285,7 @@ class PageServer:
     def _release(self, page: PageConnection, pointer: int) -> None:
         tool, _ = self._held.pop((page, pointer), (-1, 0.0))
         if tool >= 0:
-            self.link.send(tool, False, (0.0, 0.0, 0.0), 0.0)
+            self.link.lift(tool)
 
     def reset(self) -> None:
         """Restore the initial state: tools lifted, effects on, sound off, not paused, traces cleared."""
@@ -313,13 +317,13 @@ class PageServer:
         bodies = [] if self._scene is None else self._scene.bodies
         return {
             "title": self.title,
-            "size": self.frame.size,
-            "width_m": self.frame.size_m[0],
+            "low": self.sight.low_m.tolist(),
+            "size": self.sight.size_m.tolist(),
             "depth_max_m": DEPTH_MAX_M,
             "tools": self.tools,
             "swatches": [[s.name, c] for s, c in zip(swatches, albedo_colours(swatches), strict=True)],
             "used": sorted({int(k) for body in bodies for k in np.unique(body.face_swatch)}),
-            "bodies": self.frame.bodies(),
+            "bodies": len(bodies),
             "effects": self._on,
             "paused": self._paused,
             "sound": None if self.sound is None else self._sounds,
@@ -351,9 +355,9 @@ class PageServer:
         tools = []
         for state in states:
             if state.touching:
-                u, v = self.frame.point(float(state.p_WP_m[0]), float(state.p_WP_m[1]))
                 newtons = float(np.linalg.norm(state.f_W_N))
-                tools.append([round(u, 5), round(v, 5), round(newtons, 3), round(1e3 * state.depth_m, 3), state.swatch])
+                place_m = [round(float(x_m), 6) for x_m in state.p_WP_m]
+                tools.append([place_m, round(newtons, 3), round(1e3 * state.depth_m, 3), state.swatch])
         traces = {"f": force, "a": shake, "v": slip}
         message: dict[str, Any] = {name: np.nan_to_num(trace).round(4).tolist() for name, trace in traces.items()}
         return message | {"felt": tools}, done - (done - max(since, 0)) % BIN

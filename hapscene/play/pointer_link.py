@@ -11,6 +11,8 @@ from contextlib import suppress
 from threading import Lock
 from typing import Final, NamedTuple
 
+from hapscene.geometry import Vector
+
 __all__ = ["HELLO", "PLACE", "SILENCE_S", "Place", "PointerLink"]
 
 SILENCE_S: Final = 0.25
@@ -19,7 +21,9 @@ SILENCE_S: Final = 0.25
 HELLO: Final = struct.Struct("<16sB")
 """Hello message: key, tool."""
 
-PLACE: Final = struct.Struct("<I?5d")
+MASK: Final = 2**32 - 1
+
+PLACE: Final = struct.Struct("<I?8d")
 """Target message: the fields of a `Place`."""
 
 
@@ -30,8 +34,9 @@ class Place(NamedTuple):
         number: sequence number.
         down: whether the tool touches; otherwise it is held above the scene.
         x_m, y_m, z_m: surface point under the pointer, in W.
-        depth_m: depth below the surface.
+        depth_m: depth below the surface, along the line of sight.
         clear_m: height above the whole scene.
+        back_x, back_y, back_z: unit vector from the surface point to the eye, upwards.
     """
 
     number: int
@@ -41,6 +46,9 @@ class Place(NamedTuple):
     z_m: float
     depth_m: float
     clear_m: float
+    back_x: float = 0.0
+    back_y: float = 0.0
+    back_z: float = 1.0
 
 
 class PointerLink:
@@ -60,11 +68,18 @@ class PointerLink:
         self._drivers: dict[int, tuple[str, int]] = {}
         self._lock = Lock()
 
-    def send(self, tool: int, down: bool, place_m: tuple[float, float, float], depth_m: float) -> None:
-        """Set the target of a tool and send it."""
+    def press(self, tool: int, place_m: Vector, back: Vector, depth_m: float) -> None:
+        """Set the target of a tool, with the direction from it to the eye, and send it."""
         with self._lock:
             before = self._places[tool]
-            self._places[tool] = Place((before.number + 1) % 2**32, down, *place_m, depth_m, before.clear_m)
+            self._places[tool] = Place(before.number + 1 & MASK, True, *place_m, depth_m, before.clear_m, *back)
+            self._send(tool)
+
+    def lift(self, tool: int) -> None:
+        """Lift a tool along its last direction."""
+        with self._lock:
+            before = self._places[tool]
+            self._places[tool] = before._replace(number=before.number + 1 & MASK, down=False)
             self._send(tool)
 
     def beat(self) -> None:

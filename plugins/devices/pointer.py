@@ -89,9 +89,10 @@ class PointerConnection(Connection):
         place = self._place
         assert place is not None
         if self._down == 0:
-            self._p_m[2], self._v_m_s = place.clear_m, [0.0] * 3  # straight up at once
-        elif self._down <= 2:  # first above the position, then straight down: no collision on the way
-            self._p_m = [place.x_m, place.y_m, place.clear_m if self._down == 1 else place.z_m + HOVER_M]
+            self._p_m, self._v_m_s = _towards_eye(self._p_m, place, place.clear_m), [0.0] * 3  # at once
+        elif self._down <= 2:  # first above the scene, then down along the line of sight: no collision on the way
+            above_m = place.clear_m if self._down == 1 else place.z_m + HOVER_M * place.back_z
+            self._p_m = _towards_eye([place.x_m, place.y_m, place.z_m], place, above_m)
             self._aim, self._left = self._goal.copy(), 0.0
             self._down += 1
         else:
@@ -111,7 +112,9 @@ class PointerConnection(Connection):
                 self._silent = 0
                 if before is not None and place.number == before.number and place.down == (self._down > 0):
                     continue
-                self._place, self._goal = place, [place.x_m, place.y_m, place.z_m - place.depth_m]
+                self._place = place
+                back = (place.back_x, place.back_y, place.back_z)
+                self._goal = [x - place.depth_m * b for x, b in zip(place[2:5], back, strict=True)]
                 if not place.down:
                     self._down = 0
                 elif self._down == 0:
@@ -144,6 +147,12 @@ class PointerConnection(Connection):
         self._socket.close()
         if self._page is not None:
             self._page.close()
+
+
+def _towards_eye(p_m: list[float], place: Place, z_m: float) -> list[float]:
+    """The point at height `z_m` on the line of sight through a point (3,)."""
+    share = (z_m - p_m[2]) / place.back_z
+    return [p_m[0] + share * place.back_x, p_m[1] + share * place.back_y, z_m]
 
 
 def _serve_page(host: str) -> Any:

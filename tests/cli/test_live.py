@@ -75,7 +75,7 @@ def test_play_serves_the_page_and_writes_nothing(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("hapscene.play.start.Servo", FakeServo)
     monkeypatch.setattr("hapscene.play.monitor.Monitor", FakeMonitor)
     monkeypatch.setattr("hapscene.cli.play.QUIET_S", 0.0)
-    monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"")
+    monkeypatch.setattr("hapscene.play.page_server.scene_json", lambda scene, title: "{}")
     monkeypatch.setattr("webbrowser.open", urls.append)
     before = set(threading.enumerate())
     assert main(["play"]) == 0

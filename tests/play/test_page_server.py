@@ -1,6 +1,7 @@
 """The page's server as a client meets it that may be anybody."""
 
 import json
+import math
 import socket
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ from websockets.sync.client import connect as connect_socket
 import hapscene
 from hapscene.errors import HapsceneError
 from hapscene.play import page_server
+from hapscene.play.line_of_sight import LineOfSight
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -42,7 +44,7 @@ def clock() -> VirtualClock:
 
 @pytest.fixture
 def page(clock: VirtualClock, monkeypatch: pytest.MonkeyPatch) -> Iterator[PageServer]:
-    monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"a picture")
+    monkeypatch.setattr(page_server, "scene_json", lambda scene, title: "{}")
     with PageServer(make_scene(), title="a plate", kiosk_s=KIOSK_S, clock=clock) as page:
         yield page
 
@@ -59,6 +61,11 @@ def settle(tab: ClientConnection) -> None:
         pass
 
 
+def above(pointer: int, x_m: float, y_m: float = 0.0, depth: float = 0.5) -> list[Any]:
+    """A pointer on the line of sight straight down to a place."""
+    return [pointer, [x_m, y_m, 0.5], [0.0, 0.0, -1.0], depth]
+
+
 def downs(page: PageServer) -> list[bool]:
     """Which tools are down."""
     return [place.down for place in page.link._places]
@@ -67,23 +74,22 @@ def downs(page: PageServer) -> list[bool]:
 def test_points_become_places_on_the_surface(page: PageServer) -> None:
     with connect(page) as tab:
         assert json.loads(tab.recv(PATIENCE_S))["title"] == "a plate"
-        u, v = page.frame.point(0.03, -0.02)
-        tab.send(json.dumps({"points": [[7, u, v, 0.5]]}))
+        tab.send(json.dumps({"points": [above(7, 0.03, -0.02)]}))
         settle(tab)
         assert any(downs(page))
         place = page.link._places[0]
         assert place[2:6] == pytest.approx((0.03, -0.02, 0.0, 0.5 * page_server.DEPTH_MAX_M), abs=1e-6)
-        tab.send(json.dumps({"points": [[7, 0.001, 0.001, 0.5]]}))  # beside the plate
+        tab.send(json.dumps({"points": [above(7, 0.07, 0.0)]}))  # beside the plate
         settle(tab)
         assert not any(downs(page))
 
 
 def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> None:
-    page.take(1, {"points": [[1, 0.4, 0.5, 0.5], [2, 0.6, 0.5, 0.5], [3, 0.5, 0.5, 0.5]]})
+    page.take(1, {"points": [above(1, -0.01), above(2, 0.01), above(3, 0.0)]})
     assert downs(page) == [True, True]
     assert page.link._places[0].x_m < -0.005 < 0.005 < page.link._places[1].x_m
     page.take(1, {"up": [1]})
-    page.take(2, {"points": [[1, 0.5, 0.5, 0.5]]})  # another page's
+    page.take(2, {"points": [above(1, 0.0)]})  # another page's
     assert downs(page) == [True, True]
     assert page.link._places[0].x_m == pytest.approx(0.0, abs=1e-9)
     page.take(1, {"lift": True})
@@ -93,7 +99,7 @@ def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> N
 def test_closed_page_lifts_its_tools(page: PageServer) -> None:
     tab = connect(page)
     assert json.loads(tab.recv(PATIENCE_S))["title"] == "a plate"
-    tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
+    tab.send(json.dumps({"points": [above(1, 0.0)]}))
     settle(tab)
     assert downs(page)[0]
     tab.socket.shutdown(socket.SHUT_RDWR)  # without a word
@@ -104,11 +110,11 @@ def test_closed_page_lifts_its_tools(page: PageServer) -> None:
 
 
 def test_finger_without_events_is_lifted(page: PageServer, clock: VirtualClock) -> None:
-    page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
+    page.take(1, {"points": [above(1, 0.0)]})
     clock.sleep_s(0.9 * page_server.STALE_S)
     page.beat()
     assert downs(page)[0]
-    page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
+    page.take(1, {"points": [above(1, 0.0)]})
     clock.sleep_s(0.9 * page_server.STALE_S)
     page.beat()
     assert downs(page)[0]
@@ -119,14 +125,22 @@ def test_finger_without_events_is_lifted(page: PageServer, clock: VirtualClock) 
 
 def test_invalid_messages_have_no_effect(page: PageServer) -> None:
     values: list[Any] = [None, True, -1, 10**400, 1e308, "x", "", [], {}, [[]], [[1, 2, 3]], [[1, "a", 0, 0]]]
-    values += [[[1, float("nan"), 0.5, 0.5]], [[1, 0.5, 0.5, float("inf")]], [[[], 0, 0, 0]], [[1, 0.5, 0.5, 1.5]]]
+    good = above(1, 0.0)
+    values += [[[*good[:place], wrong, *good[place + 1 :]]] for place in range(4) for wrong in (math.nan, [], "x")]
+    lines = (
+        ([math.inf, 0.0, 0.5], [0, 0]),
+        ([1e308] * 3, [0, 0, -1]),
+        ([0, 0, 0.5], [0, 0, 0]),
+        ([0, 0, 1], [1e308] * 3),
+    )
+    values += [[[1, *line, 0.5]] for line in lines] + [[above(1, 0.0, depth=1.5)]]
     values += [["wall", 1], [[], True], ["x", True], [True, 2.0], [True, None], {"0": 1}, [1] * 1000]
     before = page.state()
     for value in values:
         page.take(1, value)
         for order in ("points", "up", "switch", "pause", "sound", "x", ""):
             page.take(1, {order: value})
-    page.take(1, {"points": [[1, 0.5, 0.5, 0.5]], **{str(number): 0 for number in range(8)}})  # too many orders
+    page.take(1, {"points": [above(1, 0.0)], **{str(number): 0 for number in range(8)}})  # too many orders
     assert page.state() == before and downs(page) == [False, False]
 
 
@@ -157,10 +171,10 @@ def test_kiosk_resets_effects_and_sound(page: PageServer, clock: VirtualClock) -
     page.take(1, {"switch": ["friction", False], "sound": [True, 0.5]})
     page.take(1, {"switch": ["friction", False]})  # it is off already
     assert servo.orders == [("friction", True)]
-    page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
+    page.take(1, {"points": [above(1, 0.0)]})
     page.take(1, {"pause": True})
     assert not any(downs(page))
-    page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
+    page.take(1, {"points": [above(1, 0.0)]})
     assert not any(downs(page))
     servo.orders.clear()
     clock.sleep_s(0.9 * KIOSK_S)
@@ -187,8 +201,22 @@ def test_refused_order_reports_the_reason(page: PageServer) -> None:
     assert page.state()["sound"] is False
 
 
-def test_conversion_to_the_page_and_back_is_exact() -> None:
-    frame = page_server.TopFrame(make_scene())
-    for x_m, y_m in ((0.0, 0.0), (0.05, -0.03)):
-        assert frame.find(*frame.point(x_m, y_m)) == pytest.approx((x_m, y_m, 0.0), abs=1e-6)
-    assert frame.find(0.0, 0.0) is None
+def test_a_line_of_sight_ends_on_the_first_face_that_points_to_the_eye() -> None:
+    sight = LineOfSight(make_scene())
+    rng = np.random.default_rng(3)
+    for hit_m in rng.uniform((-0.05, -0.05, 0.0), (0.05, 0.05, 0.0), (20, 3)):
+        back = rng.normal(size=3) * (1.0, 1.0, 0.0) + (0.0, 0.0, 1.5)
+        found = sight.find(tuple(hit_m + 0.4 * back), tuple(-2.0 * back))
+        assert found is not None
+        np.testing.assert_allclose(found[0], hit_m, atol=1e-6)
+        np.testing.assert_allclose(found[1], back / np.linalg.norm(back), atol=1e-12)
+    side = sight.find((-0.2, 0.0, 0.13), (1.0, 0.0, -1.0))  # the left side of the plate at z = −0.01
+    assert side is not None and side[0] == pytest.approx((-0.06, 0.0, -0.01), abs=1e-6)
+    assert sight.find((-0.2, 0.0, -0.01), (1.0, 0.0, 0.0)) is None  # level
+    assert sight.find((0.0, 0.0, -0.01), (0.0, 0.0, -1.0)) is None  # an inner face
+
+
+def test_without_a_scene_the_pad_is_touched() -> None:
+    sight = LineOfSight(None)
+    found = sight.find((0.0, -0.1, 0.1), (0.0, 1.0, -1.0))
+    assert found is not None and found[0] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)

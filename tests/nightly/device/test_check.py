@@ -13,7 +13,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.response_timeout import ResponseTimeout
 from hapscene.device.sim.point import PointMass
 from hapscene.geometry import Vector
-from hapscene_plugins.devices.haply2diy import ANSWER, HARDWARE, ID, SETUP, TORQUES
+from hapscene_plugins.devices.haply2diy_board import ANSWER, HARDWARE, ID, SETUP, TORQUES
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward
 from tests.device.test_check import MESSAGE, Board
 

@@ -34,7 +34,8 @@ from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
 from hapscene.loop.timing import PRIORITY
 from hapscene_plugins.devices import falcon_kinematics, woodenhaptics
-from hapscene_plugins.devices.haply2diy import HARDWARE, MIDDLE_M, forward
+from hapscene_plugins.devices.haply2diy_board import HARDWARE, MIDDLE_M
+from hapscene_plugins.devices.haply2diy_kinematics import forward
 from tests.handle.serial_board import BLOCK_S, COLUMNS, Peer, serve
 from tests.nightly.plugins.devices.conftest import EMULATORS, Emulated
 from tests.nightly.plugins.devices.emulators.emulator import prompt_clock

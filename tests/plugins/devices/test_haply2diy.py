@@ -1,12 +1,18 @@
 """The 2DIY's driver: bytes as published, and its pantograph."""
 
+import os
 import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hapscene.clock import VIRTUAL
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.haply2diy import DRIVER, HARDWARE, run_message, setup_message
+from hapscene_plugins.devices.haply2diy import DRIVER
+from hapscene_plugins.devices.haply2diy_board import ANSWER, HARDWARE, ID, MIDDLE_M, TORQUES, run_message, setup_message
 from hapscene_plugins.devices.haply2diy_kinematics import TORQUE_MAX_N_m, arm_torques, forward
 
 
@@ -24,7 +30,7 @@ def test_setup_is_by_port() -> None:
 def test_pantograph_as_published() -> None:
     np.testing.assert_allclose(forward(np.radians((12.0, 168.0)), 0.038), (0.019, -0.0606), atol=5e-5)
     np.testing.assert_allclose(forward(np.radians((168.0, 12.0)), 0.038), (0.019, 0.03574), atol=5e-5)
-    assert forward((1.0, 1.0), 0.0) is None  # elbow on elbow: anywhere
+    assert np.isnan(forward((1.0, 1.0), 0.0)).all()  # elbow on elbow: anywhere
 
 
 @pytest.mark.parametrize("hardware", HARDWARE)
@@ -43,3 +49,82 @@ def test_a_missing_port_is_an_error(tmp_path) -> None:
         DRIVER.open(port="/nowhere")
     (found,) = DRIVER.find(port="/nowhere")
     assert "no such port" in found.trouble and "--option port" in found.remedy
+
+
+@pytest.fixture
+def wire() -> Iterator[tuple[int, Any]]:
+    """The board's end of a serial line, and a connection whose arms are at their marks."""
+    tty = pytest.importorskip("tty", reason="this system has no pseudo-terminals")
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    with DRIVER.open(port=os.ttyname(theirs), homed=True) as device:
+        os.close(theirs)
+        os.read(ours, 4096)  # the setup message
+        yield ours, device
+    with suppress(OSError):
+        os.close(ours)
+
+
+def place_of(first_deg: float) -> float:
+    return MIDDLE_M - forward(np.radians((first_deg, 180.0 - first_deg)), HARDWARE["v3"].base_m)[1]
+
+
+def answer(first_deg: float) -> bytes:
+    return ANSWER.pack(ID, 180.0 - first_deg, first_deg)
+
+
+def test_the_newest_of_many_answers_counts(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    angles = np.linspace(120.0, 130.0, 101)  # a starved board answers all messages at once: more than one read takes
+    os.write(board, b"".join(map(answer, angles)))
+    for _ in range(4):
+        device.read()
+    assert device.state.ready[0] == 1 and device.state.count[0] == 101
+    assert device.state.p_DT_m[0, 1] == pytest.approx(place_of(130.0), abs=1e-7)
+
+
+def test_answers_arrive_in_parts_and_start_afresh_after_random_bytes(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    for octet in answer(121.0):
+        os.write(board, bytes([octet]))
+        device.read()
+    assert device.state.count[0] == 1
+    os.write(board, b"\xff" * 11)
+    device.read()
+    os.write(board, answer(123.0)[4:])  # the rest of an answer that was sent before the next message
+    device.write()
+    os.write(board, answer(122.0))
+    device.read()
+    assert device.state.count[0] == 2
+    assert device.state.p_DT_m[0, 1] == pytest.approx(place_of(122.0), abs=1e-7)
+
+
+def test_messages_stay_complete_if_the_port_is_full(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    device._clock[VIRTUAL] = 10**12  # passes by its readings only: nothing times out
+    os.write(board, answer(120.0))
+    device.read()
+    sent = b""
+    for force_N in np.linspace(0.1, 1.0, 10_000):  # 100 kB; the board reads seldom, and the port holds less
+        device.state.f_D_N = (0.0, force_N, 0.0)
+        device.write()
+        sent += os.read(board, 7) if force_N > 0.5 else b""
+    with suppress(BlockingIOError):
+        while True:
+            sent += os.read(board, 4096)
+    whole = [sent[k : k + 10] for k in range(0, len(sent) - 9, 10)]
+    torques = np.array([TORQUES.unpack(message) for message in whole])
+    assert len(whole) > 400 and (torques[:, :2] == (2, ID)).all()
+    assert (np.diff(torques[:, 3]) > 0.0).all() and len(whole) < 10_000  # in order, none twice, later ones dropped
+
+
+def test_a_port_that_hangs_up_is_an_error_in_the_next_read(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    os.write(board, answer(120.0))
+    device.read()
+    os.close(board)
+    with pytest.raises(DeviceError, match="disconnected"):
+        device.read()
+        device.read()
+    assert device.state.ready[0] == 0

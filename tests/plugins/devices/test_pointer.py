@@ -11,7 +11,7 @@ from hapscene.errors import DeviceError
 from hapscene.play.pointer_link import HELLO, PLACE, PointerLink
 from hapscene_plugins.devices.pointer import DRIVER, HOVER_M, PointerConnection
 
-CLEAR_M = 0.05
+CLEAR_M, UP = 0.05, (0.0, 0.0, 1.0)
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
 def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         assert walk(pointer, 5)[-1, 2] == CLEAR_M
-        link.send(0, True, (0.02, -0.01, 0.004), 0.001)
+        link.press(0, (0.02, -0.01, 0.004), UP, 0.001)
         way = walk(pointer, 100)
         sideways = np.abs(np.diff(way[:, :2], axis=0, prepend=0.0)).max(axis=1) > 0.0
         assert (way[sideways, 2] == CLEAR_M).all()  # it meets nothing on its way there
@@ -61,19 +61,37 @@ def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monke
 
 def test_touch_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
-        link.send(0, True, (0.0, 0.0, 0.0), 0.002)
+        link.press(0, (0.0, 0.0, 0.0), UP, 0.002)
         walk(pointer, 100)
-        link.send(0, False, (0.0, 0.0, 0.0), 0.0)
+        link.lift(0)
         assert walk(pointer, 1)[0, 2] == CLEAR_M
 
 
 def test_a_repeated_position_is_ignored(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
-        link.send(0, True, (0.0, 0.0, 0.0), 0.001)
+        link.press(0, (0.0, 0.0, 0.0), UP, 0.001)
         before = walk(pointer, 200)[-1]
         for _ in range(10):
             link.beat()
             assert walk(pointer, 30) == pytest.approx(np.tile(before, (30, 1)), abs=1e-9)
+
+
+def test_a_touch_from_the_side_comes_and_goes_along_the_line_of_sight(
+    link: PointerLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    back, place = np.array([0.6, 0.0, 0.8]), np.array([0.02, -0.01, 0.004])
+    with connected(link, monkeypatch) as pointer:
+        walk(pointer, 5)
+        link.press(0, tuple(place), tuple(back), 0.001)
+        way = walk(pointer, 100)
+        off = way - place
+        assert way[0, 2] == CLEAR_M  # it crosses the scene above everything
+        assert np.abs(off - np.outer(off @ back, back)).max() < 1e-9
+        assert way[-1] == pytest.approx(place - 0.001 * back, abs=1e-6)
+        link.lift(0)
+        lifted = walk(pointer, 1)[0]
+        assert lifted[2] == CLEAR_M
+        assert lifted - place == pytest.approx((CLEAR_M - 0.004) / 0.8 * back, abs=1e-5)
 
 
 @pytest.mark.parametrize("apart", [16, 4])
@@ -82,7 +100,7 @@ def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.Mon
     with connected(link, monkeypatch) as pointer:
         speed_m_s = []
         for k in range(1000 // apart):
-            link.send(0, True, (1e-4 * apart * k, 0.0, 0.0), 0.001)
+            link.press(0, (1e-4 * apart * k, 0.0, 0.0), UP, 0.001)
             speed_m_s.append(np.diff(walk(pointer, apart)[:, 0], prepend=np.nan) / 1e-3)
         speed = np.concatenate(speed_m_s[-20:])
         speed = speed[np.isfinite(speed)]
@@ -92,14 +110,14 @@ def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.Mon
 def test_lag_behind_a_hand_is_small(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         for k in range(200):
-            link.send(0, True, (4e-4 * k, 0.0, 0.0), 0.001)
+            link.press(0, (4e-4 * k, 0.0, 0.0), UP, 0.001)
             last = walk(pointer, 4)[-1, 0]
         assert (4e-4 * 199 - last) / 0.1 < 0.022  # [s], at 0.1 m/s
 
 
 def test_touch_ends_with_the_application(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
-        link.send(0, True, (0.0, 0.0, 0.0), 0.002)
+        link.press(0, (0.0, 0.0, 0.0), UP, 0.002)
         assert walk(pointer, 240)[-1, 2] < 0.0
         link.close()
         assert walk(pointer, 20)[-1, 2] == CLEAR_M
@@ -111,7 +129,7 @@ def test_datagrams_of_others_are_ignored(link: PointerLink, monkeypatch: pytest.
         random = np.random.default_rng(1)
         for _ in range(1000):
             stranger.sendto(random.bytes(int(random.integers(0, 80))), own)
-            stranger.sendto(PLACE.pack(7, True, 0.0, 0.0, 0.0, 0.002, CLEAR_M), own)
+            stranger.sendto(PLACE.pack(7, True, 0.0, 0.0, 0.0, 0.002, CLEAR_M, *UP), own)
             assert walk(pointer, 1)[0, 2] == CLEAR_M
             link.beat()
 
@@ -141,6 +159,6 @@ def test_alone_it_opens_a_page_of_its_own(capsys: pytest.CaptureFixture[str]) ->
     with hapscene.device.open("pointer") as pointer:
         assert "http://127.0.0.1:" in capsys.readouterr().out
         page = pointer._page  # type: ignore[attr-defined]
-        page.take(1, {"points": [[1, 0.75, 0.5, 0.5]]})
+        page.take(1, {"points": [[1, [0.04, 0.0, 0.5], [0.0, 0.0, -1.0], 0.5]]})
         assert walk(pointer, 100)[-1] == pytest.approx([0.04, 0.0, -0.0015], abs=1e-5)  # type: ignore[arg-type]
     assert DRIVER.force is False

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.haply2diy import (
-    DRIVER,
-    HARDWARE,
-    setup_message,
-)
+from hapscene_plugins.devices.haply2diy import DRIVER
+from hapscene_plugins.devices.haply2diy_board import HARDWARE, setup_message
 
 
 def test_place_and_force_on_the_wire(emulate) -> None:
