@@ -247,10 +247,7 @@ def sentences(rows: Sequence[Row]) -> list[str]:
         ),
         (
             "No setting is within the limit in every case",
-            [
-                f"{r.lever} (default: {_text(r.default.error)}, {r.default.worst}{r.caveat and '; '}{r.caveat})"
-                for r in missed
-            ],
+            [f"{r.lever} (default: {_text(r.default.error)}, {r.default.worst})" for r in missed],
         ),
     ]
     return [f"{start}: {', '.join(parts)}." for start, parts in found if parts]

@@ -9,7 +9,7 @@
 | `interpolation_table` | Section 3, Future Work: interpolation of coefficients, poles and cepstral coefficients |
 | `handle_figure` | Fig. 7: Bode plots of the handle for five users with three trials each, and up to 1000 Hz |
 | `remote_figure` | Fig. 8: two taps and five drags on wood by teleoperation |
-| `tap_study` | Section 2: realism ratings of taps, with simulated raters |
+| `tap_study` | Section 2: realism ratings of taps, computed from spectra |
 | `paper_page` | the page |
 | `penn_toolkit` | laws of level and spectrum over force and speed, from models of another toolkit |
 """

@@ -48,7 +48,7 @@ CONDITIONS: Final = (
     (
         "ratings",
         "people tap on a spring-based wall without and with transients; 7 is a real wooden block (Section 2)",
-        "12 simulated raters tap on the swatch of wood, rendered by the handle",
+        "taps on the swatch of wood, rendered by the handle in 12 simulated grips",
         "the rating is computed from the spectral distance; no person is involved",
     ),
 )

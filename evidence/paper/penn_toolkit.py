@@ -7,7 +7,7 @@ that are learned from the other surfaces.
 
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,8 @@ def level_errors(surfaces: list[tuple[Array, Array]]) -> dict[str, list[float]]:
     for k, ((places, _), level) in enumerate(zip(surfaces, total, strict=True)):
         learned = np.mean(own[:k] + own[k + 1 :], axis=0)
         by_force, by_speed = np.array_split(np.argsort(places, axis=0), 2)
-        splits = {"one condition → the others": [([i], np.arange(len(level)) != i) for i in range(len(level))]}
+        one: list[tuple[Any, Any]] = [([i], np.arange(len(level)) != i) for i in range(len(level))]
+        splits = {"one condition → the others": one}
         splits["slow half → fast half"] = [(by_force[:, 1], by_speed[:, 1])]
         splits["soft half → hard half"] = [(by_force[:, 0], by_speed[:, 0])]
         for name, parts in splits.items():

@@ -28,7 +28,7 @@ FIGURES: Final[Mapping[str, tuple[str, Reproduce]]] = {
     "interpolation": ("interpolation between conditions", lambda _: interpolation_table.interpolation()),
     "fig7": ("handle, five users", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.PAPER_BAND_HZ)),
     "fig8": ("teleoperation, two taps and five drags", lambda _: remote_figure.teleoperated_wood()),
-    "taps": ("ratings of taps, simulated", lambda _: tap_study.rated_taps()),
+    "taps": ("ratings of taps, computed", lambda _: tap_study.rated_taps()),
     "handle": ("handle to 1000 Hz", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.FULL_BAND_HZ)),
 }
 """The figures: key on the page, progress message, and the function that reproduces it."""

@@ -42,7 +42,7 @@ SETTLE_S: Final = 0.01
 """Time that is omitted at both ends of a contact [s]; the low-pass mixes contact and free motion there."""
 
 CONTACTS_MIN: Final = 4
-"""Fewest contacts for a jackknife over whole contacts; with fewer, contacts are divided into segments."""
+"""Fewest contacts for a jackknife over whole contacts; parts of one contact are not independent."""
 
 LEAVES_S: Final = (0.03, 0.15)
 """Time before and after the end of a contact to which adhesion is fitted [s]."""
@@ -105,15 +105,13 @@ def _fit_damping(recordings: Sequence[SegmentedRecording], found: ContactFit) ->
     if not with_depth:
         found.absent["damping_Ns_m"] = "the depth was not recorded"
         return
-    contacts = [rows for channels, run in _contacts(with_depth) if len(rows := _windows(channels, run))]
-    if sum(map(len, contacts)) < 12:
+    contacts = [rows for channels, run in _contacts(with_depth) if len(rows := _windows(channels, run)) > 2]
+    if len(contacts) < CONTACTS_MIN:
         found.absent["damping_Ns_m"] = (
-            f"the tool presses without sliding for less than {6.0 * WINDOW_S:g} s; record more presses"
+            f"{len(contacts)} presses without sliding for {2.0 * WINDOW_S + 2.0 * SETTLE_S:g} s (expected at least "
+            f"{CONTACTS_MIN})"
         )
         return
-    if len(contacts) < CONTACTS_MIN:
-        split = (part for rows in contacts for part in np.array_split(rows, 12 // len(contacts)))
-        contacts = [part for part in split if len(part) > 2]
     kinds = {"damping_Ns_m": (0, 1), "hunt_crossley_Ns_m2": (0, 2)}
     found_of = {name: _left_out(contacts, columns) for name, columns in kinds.items()}
     name, other = sorted(found_of, key=lambda name: float(found_of[name][1].sum()))

@@ -20,7 +20,7 @@ SETTLE_S: Final = 0.006
 """Time that is omitted after the start of a contact [s], because the low-pass mixes in the approach."""
 
 LOADINGS_MIN: Final = 4
-"""Fewest loadings for a jackknife over whole loadings; with fewer, loadings are divided into segments."""
+"""Fewest loadings for an interval: with parts of loadings, 45 % of the intervals contained the true value."""
 
 FORCE_RATIO: Final = 4.0
 """Smallest peak force of a loading, relative to the contact threshold [1]."""
@@ -34,7 +34,7 @@ CORRELATION_MIN: Final = 0.9
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness [N/m] with its 95 % interval, or None and the reason."""
+    """Stiffness [N/m] with its 95 % interval, or None for one or both, and the reason."""
 
     slope_N_m: float | None
     interval: tuple[float, float] | None = None
@@ -72,11 +72,10 @@ def fit_stiffness(recordings: Sequence[SegmentedRecording]) -> Stiffness:
             None, reason=f"force and depth are not proportional while the tool presses (r = {correlation:.2f})"
         )
     ratio = _noise_ratio(with_depth)
-    if len(loadings) < LOADINGS_MIN:
-        count = max(LOADINGS_MIN, 12 // len(loadings))
-        loadings = [(d, f) for pair in loadings for d, f in zip(*(np.array_split(a, count) for a in pair), strict=True)]
     slope = _slope(depth, force, ratio)
-    sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings if len(d)])
+    if len(loadings) < LOADINGS_MIN:
+        return Stiffness(slope, reason=f"{len(loadings)} presses from the air (expected at least {LOADINGS_MIN})")
+    sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings])
     half = float(jackknife_half(_deming(sums.sum(axis=0) - sums, ratio)))
     weight = _weight(depth, force, slope, ratio)
     half *= float(

@@ -136,10 +136,12 @@ def fit_recordings(recordings: Sequence[SegmentedRecording], options: FitOptions
     numbers: dict[str, Any] = dict(contact.numbers)
     if "stiffness_N_m" not in numbers:  # else it was fitted together with the damping
         stiffness = fit_stiffness(recordings)
-        if stiffness.slope_N_m is not None and stiffness.slope_N_m > 0.0 and stiffness.interval is not None:
-            numbers["stiffness_N_m"], intervals["stiffness_N_m"] = stiffness.slope_N_m, stiffness.interval
-        else:
+        if stiffness.slope_N_m is None or stiffness.slope_N_m <= 0.0:
             absent["stiffness_N_m"] = stiffness.reason or "the force does not increase with the depth"
+        elif stiffness.interval is None:
+            numbers["stiffness_N_m"], absent["stiffness_N_m.interval"] = stiffness.slope_N_m, stiffness.reason
+        else:
+            numbers["stiffness_N_m"], intervals["stiffness_N_m"] = stiffness.slope_N_m, stiffness.interval
     assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
     for stream in sorted({stream for channels, _ in recordings for stream in channels.assumed}):
         absent[stream] = f"was not recorded; {assumed[stream]} is assumed"

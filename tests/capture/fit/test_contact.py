@@ -5,7 +5,7 @@ import pytest
 
 from hapscene.capture.fit.contact import fit_contact
 from hapscene.capture.fit.segment import segment
-from hapscene.capture.io.streams import clean
+from hapscene.capture.io.streams import clean, part_of
 
 RATE_HZ, STIFFNESS_N_M = 1000.0, 500.0
 UP_M = 5e-3
@@ -72,6 +72,13 @@ def test_missing_quantities_have_reasons():
     assert fit_contact([(channels, states)]).absent.keys() == {
         *("damping_Ns_m", "adhesion_N", "leaving", "breakaway_1_kg"),
     }
+
+
+def test_few_presses_have_no_damping():
+    ((channels, _),) = presses(damping=5.0)
+    end = int(np.flatnonzero(np.diff((channels.depth_m > 0.0).astype(int)) < 0)[2]) + 200
+    first = part_of(channels, slice(end))
+    assert "3 presses" in fit_contact([(first, segment(first))]).absent["damping_Ns_m"]
 
 
 @pytest.mark.parametrize(("adhesion_N", "reach_m", "damping"), [(0.5, 5e-4, 0.0), (0.15, 1e-3, 0.0), (0.8, 3e-4, 3.0)])

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit import stiffness
 from hapscene.capture.fit.segment import InteractionState, Segmentation
 from hapscene.capture.fit.stiffness import (
     RANGE,
@@ -105,18 +104,12 @@ def test_sliding_and_weak_contacts_are_no_loadings():
     assert fit_stiffness([(streams, states)]).reason == "the tool never presses into the surface without sliding"
 
 
-def test_few_loadings_have_an_interval():
-    found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=1))
-    low, high = found.interval
-    assert low < 500.0 < high and high - low < 150.0
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_loadings_are_divided_for_the_interval(count, monkeypatch):
-    sizes = []
-    monkeypatch.setattr(stiffness, "_weighted_sums", lambda d, *rest: sizes.append(len(d)) or _weighted_sums(d, *rest))
-    fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
-    assert 12 <= sum(size < max(sizes) for size in sizes) <= 16  # the others are of the line through all
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_few_loadings_have_no_interval(count):
+    """Parts of one loading are not independent."""
+    found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
+    assert found.slope_N_m == pytest.approx(500.0, rel=0.1)
+    assert (found.interval is None) == (str(count) in found.reason) == (count < 4)
 
 
 def test_the_noise_ratio_is_limited():

@@ -1,6 +1,10 @@
-"""95 % intervals contain the true value in 90 to 99 % of simulated recordings of random surfaces and natural hands."""
+"""95 % intervals contain the true value in 90 to 99 % of simulated recordings of random surfaces and natural hands.
+
+HAPSCENE_COVERAGE_SEED is the first seed, 0 by default: other seeds are other surfaces and hands.
+"""
 
 import math
+import os
 from collections import defaultdict
 from dataclasses import replace
 
@@ -11,7 +15,9 @@ from hapscene.capture.fit.friction import _blocks, _slope, fit_friction
 from hapscene.capture.fit.stiffness import fit_stiffness
 from tests.capture.natural_strokes import Hand, Surface, pressed_in, stroked
 
-COUNT = 300
+FIRST = int(os.environ.get("HAPSCENE_COVERAGE_SEED", "0"))
+STROKED, PRESSED = range(FIRST, FIRST + 800), range(FIRST, FIRST + 1000)
+"""Seeds. Each quantity is measured in more than 150 recordings: with 80, a coverage of 97 % is often seen as 100 %."""
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
@@ -33,7 +39,7 @@ def test_friction() -> None:
     Without a viscous term, dynamic friction is that at the recorded speeds.
     """
     held = defaultdict(list)
-    for seed in range(COUNT):
+    for seed in STROKED:
         rng = np.random.default_rng([7, seed])
         dynamic = rng.uniform(0.15, 0.6)
         surface = Surface(
@@ -64,15 +70,14 @@ def test_friction() -> None:
             held[name].append(low <= truth[name] <= high)
         for name in {"friction_dynamic", "friction_static"} - found.intervals.keys():
             assert found.absent.get(f"{name}.interval") or found.absent[name]
-    check(
-        held, {"friction_static": 250, "friction_dynamic": 250, "friction_stribeck_m_s": 60, "friction_viscous_s_m": 80}
-    )
+    few = {"friction_stribeck_m_s": 150, "friction_viscous_s_m": 280}
+    check(held, {"friction_static": 700, "friction_dynamic": 700, **few})
 
 
 def test_contact() -> None:
     """Springs, and springs with constant damping or damping that is proportional to the depth."""
     held = defaultdict(list)
-    for seed in range(COUNT):
+    for seed in PRESSED:
         rng = np.random.default_rng([8, seed])
         stiffness = between(rng, 200.0, 2000.0)
         hand = Hand(
@@ -94,4 +99,4 @@ def test_contact() -> None:
             intervals["stiffness_N_m"] = pair
         for name, (low, high) in intervals.items():
             held[name].append(low <= truth[name] <= high)
-    check(held, {"stiffness_N_m": 290, "damping_Ns_m": 70, "hunt_crossley_Ns_m2": 60})
+    check(held, {"stiffness_N_m": 850, "damping_Ns_m": 220, "hunt_crossley_Ns_m2": 180})

@@ -1,7 +1,6 @@
 """The reproduction of the haptography paper, against known models, SciPy, closed forms and reference measurements."""
 
 import re
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from hapscene_evidence.paper.paper_page import TABLE_ONE, page_of, summary, tabl
 from hapscene_evidence.paper.prediction_figure import predictor, synthetic
 from hapscene_evidence.paper.remote_figure import remote_numbers
 from hapscene_evidence.paper.result import FigureResult, Number
-from hapscene_evidence.paper.tap_study import FATIGUE, HIGHEST, distances, rate, williams_square
+from hapscene_evidence.paper.tap_study import distances
 
 RATE_HZ = 10_000.0
 TRUE_PLANT = Plant(m_c_kg=0.02, k_s_N_m=320.0, b_s_Ns_m=0.4, m_h_kg=0.1)
@@ -113,22 +112,9 @@ def test_interpolation_is_judged_between_the_models() -> None:
     assert all(errors[name][1] == 0.0 for name in stable)
 
 
-def test_williams_square_is_balanced() -> None:
-    square = williams_square(6)
-    assert all(sorted(line) == list(range(6)) for line in (*square, *zip(*square, strict=True)))
-    assert len({pair for row in square for pair in pairwise(row)}) == 30
-
-
 def test_compensated_handle_is_closer_to_a_real_tap_than_no_vibration() -> None:
     away = distances(0)
     assert np.all(away[:, 0] == 0.0) and away[:, 1].min() > 2.0 > 1.5 > away[:, 3:].max()
-
-
-def test_balanced_orders_cancel_fatigue() -> None:
-    ratings = rate(np.tile([0.0, 1.0, 2.0, 3.0, 4.0, 5.0], (12, 1)), 0, scatter=0.0, rounded=False)
-    assert ratings.mean(axis=0) == pytest.approx(HIGHEST - np.arange(6) - 2.5 * FATIGUE)
-    rounded = rate(np.tile([0.0, 1.0, 2.0, 3.0, 4.0, 50.0], (12, 1)), 0)
-    assert set(np.unique(rounded)) <= set(range(1, 8)) and np.all(rounded[:, 5] == 1.0)
 
 
 def test_missing_recordings_are_synthesised_and_named(shared: Path, tmp_path: Path) -> None:
