@@ -203,7 +203,7 @@ def test_swatch_panel_by_keyboard_and_by_dropped_file(window: Window) -> None:
     )
     window.wait("window.hapscene.state.swatch === 'gift'")
     window.wait("document.querySelector('.hs-pick[data-name=gift]') && document.getElementById('hs-drop').hidden")
-    tab.locator("select[data-library=where]").select_option("computed")
+    tab.get_by_label("Search").first.fill("computed")
     window.wait(
         "document.querySelectorAll('.hs-pick').length > 24 && !document.querySelector('.hs-pick[data-name=gift]')"
     )

@@ -1,7 +1,6 @@
 """That the page can be read: contrast of all its text, light and dark; nothing cut in a small window."""
 
-import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +20,6 @@ from tests.paint.conftest import library_in, mesh_of
 from tests.until import until
 
 LONG = "polished_mahogany_veneer_of_the_old_harpsichord_lid_sample_17b"
-
-
-def do(page: Page, act: Callable[[], Any]) -> Any:
-    """Do something in the page's event loop and return its result."""
-
-    async def done() -> Any:
-        return act()
-
-    return asyncio.run_coroutine_threadsafe(done(), page.server.get_event_loop()).result(60.0)
 
 
 CONTRAST_MIN = 4.5
@@ -103,8 +93,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     session = Session(scene, folder / "ball.scene.json")
     session.tuning.copy_swatch(1, LONG)
     with library_in(folder), Page(session, port=0, with_hand=False) as page:
-        do(page, lambda: page.context.tools.choose_swatch(LONG, session.scene.swatches[2]))
-        do(page, page.refresh)
         yield page
     session.document.close()
 
@@ -116,6 +104,8 @@ def tab(request: pytest.FixtureRequest, page: Page, browser: Any) -> Iterator[An
         tab = context.new_page()
         tab.goto(page.url)
         tab.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")
+        tab.evaluate("(name) => window.hapscene.send({ do: 'library', act: 'use', name })", LONG)
+        tab.wait_for_function("(name) => window.hapscene.state.swatch === name", arg=LONG)
         tab.wait_for_function(f"document.documentElement.dataset.mantineColorScheme === '{request.param}'")
         yield tab
 
