@@ -95,9 +95,15 @@ def test_a_pause_is_no_timeout(case: Case, emulate, monkeypatch: pytest.MonkeyPa
     emulated, start_s, ahead = emulate(case.name), time.monotonic(), [0.0]
     monkeypatch.setattr(time, "monotonic", lambda real=time.monotonic: real() + ahead[0])
     with case.driver.open(**case.filled(emulated.place)) as device:
-        ahead[0] = 60.0
+
+        def pause() -> None:
+            ahead[0] += 60.0
+            if case.name == "haply2diy":  # compiled code reads another clock
+                device._board.polled_ns -= 60_000_000_000  # type: ignore[attr-defined]
+
+        pause()
         turn(device, 60)
-        ahead[0] = 120.0
+        pause()
         emulated.set(**case.elsewhere)
         before, count = device.state.p_DT_m[0].copy(), int(device.state.count[0])
         turn(device, 80)
