@@ -104,7 +104,7 @@ def test_missing_streams_are_reasons():
 def test_stiffness(seed, handled_recording):
     found = fit_stiffness(handled(handled_recording(seed)))
     assert found.slope_N_m == pytest.approx(500.0, rel=0.03)
-    assert found.interval is not None and found.interval[0] < found.slope_N_m < found.interval[1]
+    assert found.interval is None and "2 presses" in found.reason
 
 
 def test_uncorrelated_force_gives_no_stiffness(handled_recording):
