@@ -87,8 +87,18 @@ def spectrum_errors(surfaces: list[tuple[Array, Array]]) -> dict[str, float]:
         rms(moved[k] - changes[k] @ np.linalg.solve(sum(normal) - normal[k], sum(right) - right[k]))
         for k in range(len(surfaces))
     ]
+    own = np.array([b.mean(axis=0) for b in shape])
+    shrunk = []
+    for k in range(len(surfaces)):
+        others = [n for n in range(len(surfaces)) if n != k]
+        mean, law = own[others].mean(axis=0), np.linalg.solve(sum(normal) - normal[k], sum(right) - right[k])
+        away = [[shape[n][at] - mean for at in pairs[n]] for n in range(len(surfaces))]
+        kept = sum(np.sum(x * y) / len(x) for x, y in (away[n] for n in others))
+        kept /= sum(np.sum(x * x) / len(x) for x, _ in (away[n] for n in others))
+        shrunk.append(rms(away[k][1] - kept * away[k][0] - changes[k] @ law))
     means = np.array([spectra.mean(axis=0) - spectra.mean() for _, spectra in surfaces])
     found = {"does not move": float(np.mean([rms(m) for m in moved])), "bands change linearly": float(np.mean(linear))}
+    found["the same, drawn to the mean surface"] = float(np.mean(shrunk))
     for name, fixed in (("frequencies ∝ speed^γ", 0.0), ("the same, mean spectrum of the tool fixed", 1.0)):
         errors = np.empty((len(surfaces), len(POWERS)))
         for k, ((_, spectra), (i, j)) in enumerate(zip(surfaces, pairs, strict=True)):

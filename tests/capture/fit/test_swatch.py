@@ -31,9 +31,9 @@ def test_a_recording_of_all_quantities(handled_recording):
     assert swatch.friction_dynamic == pytest.approx(0.35, rel=0.02)
     assert swatch.stiffness_N_m == pytest.approx(500.0, rel=0.03)
     assert len(swatch.taps.approach_m_s) == 4 and swatch.taps.wave_m_s2 is not None
-    assert {"stiffness_N_m", "taps.decay_1_s[3]"} <= swatch.intervals.keys()
+    assert "taps.decay_1_s[3]" in swatch.intervals
     silent = {"adhesion_N", "leaving", "breakaway_1_kg", "texture.life"}
-    silent |= {"friction_static.interval", "friction_dynamic.interval"}  # three strokes
+    silent |= {"friction_static.interval", "friction_dynamic.interval", "stiffness_N_m.interval"}  # too few strokes
     assert swatch.absent.keys() == {"friction_stribeck", "damping_Ns_m"} | silent
     assert swatch_from_json(swatch_to_json(swatch)) == swatch
     # the texture is that of the sliding alone: neither taps nor rest are in its level

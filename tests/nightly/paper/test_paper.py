@@ -155,7 +155,7 @@ def test_law_of_moving_spectra_is_found() -> None:
         places, line = rng.uniform(-0.7, 0.7, (7, 2)), np.log(rng.uniform(150.0, 250.0))
         spectra = -20.0 * np.abs(penn_toolkit.LOG_HZ - line - 0.5 * places[:, 1:]) + 9.0 * places[:, 1:]
         surfaces.append((places, spectra))
-    still, _, moving, _ = penn_toolkit.spectrum_errors(surfaces).items()
+    still, _, _, moving, _ = penn_toolkit.spectrum_errors(surfaces).items()
     assert "γ = 0.50" in moving[0] and moving[1] < 0.25 * still[1]  # the ends of the band are unknown
     levels = penn_toolkit.level_errors(surfaces)
     assert levels["exponents: mean"] == pytest.approx([0.0, 9.0 * np.log(10.0) / 10.0], abs=0.1)
