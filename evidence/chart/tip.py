@@ -15,8 +15,8 @@ from .groove import ROUNDING_M
 from .measuring import TICKS
 from .question import Measure, Question, Setting
 
-RADII_M: Final = (0.25e-3, 2e-3)
-"""Radii of the tip [m]."""
+RADIUS_M: Final = 2e-3
+"""Radius of the tip [m]. A point stays below the limit for radii up to 0.3 mm."""
 
 HALF_RAD: Final = math.radians(45.0)
 """Half of the opening angle of the groove [rad]."""
@@ -26,9 +26,9 @@ PRESS_M: Final = 2e-3
 
 
 def settings(scene_file: str | None) -> list[Setting]:
+    lever, r = f"Tip of {1e3 * RADIUS_M:g} mm", RADIUS_M
     return [
-        Setting(f"Tip of {1e3 * r:g} mm", method, "", {"radius_m": r, "ball": method == "ball"}, "", method == "ball")
-        for r in RADII_M
+        Setting(lever, method, "", {"radius_m": r, "ball": method == "ball"}, "", method == "ball")
         for method in ("ball", "point")
     ]
 
