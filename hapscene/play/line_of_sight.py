@@ -28,8 +28,8 @@ beside the scene."""
 FAR_M: Final = 1e6
 """Largest coordinate of the eye [m]."""
 
-FACING: Final = 0.05
-"""Smallest cosine between a face and the line of sight [1]: faces that are seen from the side are left out."""
+FACING: Final = 0.25
+"""Smallest cosine between a touched face and the line of sight [1]: a press slides off faces seen from the side."""
 
 
 class LineOfSight:
