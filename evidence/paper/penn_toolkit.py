@@ -83,19 +83,17 @@ def spectrum_errors(surfaces: list[tuple[Array, Array]]) -> dict[str, float]:
     shape = [bands(spectra) for _, spectra in surfaces]
     moved = [b[j] - b[i] for b, (i, j) in zip(shape, pairs, strict=True)]
     normal, right = ([x.T @ y / len(x) for x, y in zip(changes, each, strict=True)] for each in (changes, moved))
-    linear = [
-        rms(moved[k] - changes[k] @ np.linalg.solve(sum(normal) - normal[k], sum(right) - right[k]))
-        for k in range(len(surfaces))
-    ]
+    laws = [np.linalg.solve(sum(normal) - n, sum(right) - r) for n, r in zip(normal, right, strict=True)]
+    linear = [rms(m - change @ law) for m, change, law in zip(moved, changes, laws, strict=True)]
     own = np.array([b.mean(axis=0) for b in shape])
     shrunk = []
     for k in range(len(surfaces)):
         others = [n for n in range(len(surfaces)) if n != k]
-        mean, law = own[others].mean(axis=0), np.linalg.solve(sum(normal) - normal[k], sum(right) - right[k])
+        mean = own[others].mean(axis=0)
         away = [[shape[n][at] - mean for at in pairs[n]] for n in range(len(surfaces))]
         kept = sum(np.sum(x * y) / len(x) for x, y in (away[n] for n in others))
         kept /= sum(np.sum(x * x) / len(x) for x, _ in (away[n] for n in others))
-        shrunk.append(rms(away[k][1] - kept * away[k][0] - changes[k] @ law))
+        shrunk.append(rms(away[k][1] - kept * away[k][0] - changes[k] @ laws[k]))
     means = np.array([spectra.mean(axis=0) - spectra.mean() for _, spectra in surfaces])
     found = {"does not move": float(np.mean([rms(m) for m in moved])), "bands change linearly": float(np.mean(linear))}
     found["the same, drawn to the mean surface"] = float(np.mean(shrunk))

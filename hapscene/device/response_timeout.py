@@ -6,7 +6,7 @@ from hapscene.device.driver import Connection
 from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["GONE_S", "PAUSE_S", "ResponseTimeout"]
+__all__ = ["GONE_S", "PAUSE_S", "POLL_MAX_S", "ResponseTimeout", "no_answer"]
 
 GONE_S: Final = 0.5
 """Time without a valid answer after which a device counts as disconnected [s]. The servo stops its force after 10
@@ -14,6 +14,15 @@ ms."""
 
 PAUSE_S: Final = 0.1
 """Time without a poll from which on the last answer is too old to check the plausibility of the next one [s]."""
+
+
+POLL_MAX_S: Final = 0.02
+"""Longest time between two polls that counts as silence of the device [s]; a longer one is a pause."""
+
+
+def no_answer(name: str, remedy: str) -> DeviceError:
+    """The error of a device that has not answered for `GONE_S`."""
+    return DeviceError(f"{name}: no valid data for {GONE_S:g} s; {remedy}")
 
 
 class ResponseTimeout:
@@ -35,11 +44,11 @@ class ResponseTimeout:
             DeviceError: no valid answer for `GONE_S`. No force is accepted from then on.
         """
         self._paused, now_s = self.was_paused(), self._clock.now_s()
-        self._silent_s += min(now_s - self._polled_s, 0.02)
+        self._silent_s += min(now_s - self._polled_s, POLL_MAX_S)
         self._polled_s = now_s
         if self._silent_s > GONE_S:
             connection.state.ready = 0
-            raise DeviceError(f"{name}: no valid data for {GONE_S:g} s; {remedy}")
+            raise no_answer(name, remedy)
 
     def was_paused(self) -> bool:
         """Whether the device was not polled for `PAUSE_S` since its last valid answer.

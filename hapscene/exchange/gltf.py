@@ -36,7 +36,6 @@ from hapscene.scene.mesh import OVERLAY, Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
-from hapscene.swatches.picture import plain_look
 from hapscene.view.body_triangles import corner_normals
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
@@ -274,7 +273,7 @@ class _Writer:
     def worn(self, swatch: Swatch, opacity: float) -> dict[str, Json]:
         """Return the appearance of a swatch."""
         grain = grain_of(swatch)
-        look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": (swatch.look or plain_look(swatch)).roughness}
+        look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": grain.roughness}
         found: dict[str, Json] = {"pbrMetallicRoughness": look}
         if grain.flat:
             look["baseColorFactor"] = [*linear(swatch.albedo_rgb).tolist(), opacity]

@@ -33,12 +33,12 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.topology import area_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
-from hapscene.swatches.picture import plain_look
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 from hapscene.swatches.words import phrases
 from hapscene.view.body_triangles import corner_normals, used_swatches
 from hapscene.view.feel_layer import grain_of
 from hapscene.view.palette import distinct_colours, rgb
+from hapscene.view.triangles import GAMMA
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -251,7 +251,7 @@ def _coloured(picture: "Image.Image", material: Material) -> "Image.Image":
     from PIL import Image
 
     pixels = np.asarray(picture.convert("RGB").resize((PICTURE_PX, PICTURE_PX)), np.float64)
-    factor = np.clip(material.colour[:3], 0.0, 1.0) ** (1 / 2.2)
+    factor = np.clip(material.colour[:3], 0.0, 1.0) ** (1 / GAMMA)
     return Image.fromarray(np.rint(pixels * factor).astype(np.uint8))
 
 
@@ -372,6 +372,5 @@ def _grain(swatch: Swatch, diagonal_m: float, arrays: _Arrays) -> dict[str, Json
     rows = np.concatenate([127 * np.clip(slopes / STEEPEST, -1.0, 1.0), 128 * np.clip(shade - 1.0, -1.0, 0.99)], axis=2)
     picture = Image.fromarray((128 + np.rint(rows)).astype(np.uint8))
     small = picture.resize((GRAIN_PX, GRAIN_PX), Image.Resampling.BOX)
-    roughness = (swatch.look or plain_look(swatch)).roughness
     tile_m = grain.tile_m(diagonal_m)
-    return {"grain": arrays.add(np.asarray(small), "u1"), "grain_m": tile_m, "gloss": 1.0 - roughness}
+    return {"grain": arrays.add(np.asarray(small), "u1"), "grain_m": tile_m, "gloss": 1.0 - grain.roughness}

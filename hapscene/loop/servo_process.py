@@ -265,8 +265,8 @@ class OrderHandler:
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
         channel.channel.checkpoint_size = sum(len(part) for part in parts)
         self._alone = len(self._twins) == 1 and bool(self._vendors)  # the vendor's thread calls the tick
-        by_python = [device for device in self.connections if device not in self._vendors and not device.compiled()]
-        driven = bool(by_python) or bool(self._clock[VIRTUAL])  # tick by tick, from Python
+        by_python = any(not device.compiled() for device in self._own_connections())
+        driven = by_python or bool(self._clock[VIRTUAL])  # tick by tick, from Python
         pace = SCHEDULED if self._alone else CALLED if driven else TIMED
         channel.channel.pace, channel.channel.until = pace, np.iinfo(np.int64).max
         self._bind()  # compiles before the loop starts

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from hapscene.scene.fine_paint import swatches_of
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import unit
-from hapscene.swatches.picture import plain_look
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import distinct_colours, rgb
 from hapscene.view.triangles import GAMMA, Triangles, joined
@@ -69,8 +68,8 @@ def _body_solids(scene: "Scene", body: "Body", colours: NDArray[np.float64], sho
             yield placed(corner_m, layer.normal[rows], shown)
         else:
             tiles = box_uv(corner_m, grain.tile_m(mesh.diagonal_m))[0].reshape(-1, 2)
-            roughness = (scene.swatches[swatch].look or plain_look(scene.swatches[swatch])).roughness
-            yield placed(corner_m, layer.normal[rows], shown, tiles, grain.pattern)._replace(roughness=roughness)
+            solid = placed(corner_m, layer.normal[rows], shown, tiles, grain.pattern)
+            yield solid._replace(roughness=grain.roughness)
 
 
 def _looks(mesh: Mesh) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.uint8] | None]]:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.topology import normals_of
-from hapscene.swatches.picture import LIGHT, relief
+from hapscene.swatches.picture import LIGHT, plain_look, relief
+from hapscene.view.triangles import GAMMA
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -54,6 +55,7 @@ class Grain(NamedTuple):
         size_m: side of the square that it shows [m].
         pattern: picture (h, w, 3), sRGB, of the deviations from the mean colour.
         gain: factor of colours that `pattern` multiplies [1]; it keeps their mean.
+        roughness: of its look, 0 for a mirror to 1 [1].
     """
 
     shade: NDArray[np.float64]
@@ -62,6 +64,7 @@ class Grain(NamedTuple):
     size_m: float
     pattern: NDArray[np.uint8]
     gain: float
+    roughness: float
 
     @property
     def flat(self) -> bool:
@@ -91,8 +94,8 @@ def grain_of(swatch: "Swatch") -> Grain:
     tint = 1.0 if albedo is None else albedo / np.maximum(albedo.mean(axis=(0, 1)), 0.05)
     pixels = np.broadcast_to(shade[..., None] * tint / SHADE[1], (*shade.shape, 3))
     pattern = np.rint(255 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
-    gain = float(255.0 / max(pattern.mean(), 1.0)) ** 2.2
-    return Grain(shade, albedo, normal, size_m, pattern, gain)
+    gain = float(255.0 / max(pattern.mean(), 1.0)) ** GAMMA
+    return Grain(shade, albedo, normal, size_m, pattern, gain, (swatch.look or plain_look(swatch)).roughness)
 
 
 def has_look(body: "Body") -> bool:

@@ -61,9 +61,8 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
         n = drawing.oversampling
         small = np.asarray(Image.fromarray(np.ascontiguousarray(pixels[..., :3])).reduce(n))
         if shadows is not None:
-            far = (
-                _distance(depth, far_m).reshape(len(small), n, -1, n).max(axis=(1, 3))
-            )  # the ground at edges of bodies
+            # the farthest of the pixels that become one: the ground at edges of bodies
+            far = _distance(depth, far_m).reshape(len(small), n, -1, n).max(axis=(1, 3))
             small = shadows.cast(small, far, frame.X_SC, 2 * x_m / small.shape[1])
         yield small
 

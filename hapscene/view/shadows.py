@@ -14,6 +14,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.view.triangles import GAMMA
+
 __all__ = ["SUN", "ZENITH", "DepthPicture", "Shadows"]
 
 Array = NDArray[Any]  # of float32
@@ -99,7 +101,7 @@ class Shadows:
         depth_m = self._with_ground(depth_m, X_SC, pixel_m)
         small_m = depth_m[::COARSER, ::COARSER]
         dark = self._darkness(_points(small_m, X_SC, pixel_m * COARSER))
-        light = _enlarged(1.0 - dark, small_m, depth_m, NEAR * self.size_m) ** (1 / 2.2)
+        light = _enlarged(1.0 - dark, small_m, depth_m, NEAR * self.size_m) ** (1 / GAMMA)
         return np.asarray(np.rint(pixels * light[..., None]), np.uint8)
 
     def _with_ground(self, depth_m: Array, X_SC: NDArray[np.float64], pixel_m: float) -> Array:

@@ -17,7 +17,7 @@ from hapscene.clock import new_clock, now_ns
 from hapscene.compiled.bound_call import BoundCall, loaded
 from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
-from hapscene.device.response_timeout import GONE_S
+from hapscene.device.response_timeout import GONE_S, no_answer
 from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, chosen_port, find_ports
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
@@ -94,8 +94,7 @@ class Haply2diyConnection(Connection):
     def check(self) -> None:
         self._port.check()
         if self._board.silent_ns > GONE_S * 1e9:
-            remedy = "check that it is the board of a 2DIY"
-            raise DeviceError(f"{self._port.name}: no valid data for {GONE_S:g} s; {remedy}")
+            raise no_answer(self._port.name, "check that it is the board of a 2DIY")
 
     def close(self) -> None:
         self._port.close(run_message((0.0, 0.0)))  # until it accepts this, the board holds its last torque

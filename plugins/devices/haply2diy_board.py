@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
 from hapscene.compiled.native import native
-from hapscene.device.response_timeout import GONE_S, PAUSE_S
+from hapscene.device.response_timeout import GONE_S, PAUSE_S, POLL_MAX_S
 from hapscene.device.serial_port import SerialLine, discard, receive, send
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward
 
@@ -117,7 +117,7 @@ def read_board(given: Board) -> None:
         discard(line)
         board.known = 0
     receive(line)
-    board.silent_ns += min(now - board.polled_ns, 20_000_000)
+    board.silent_ns += min(now - board.polled_ns, int(POLL_MAX_S * 1e9))
     board.polled_ns = now
     at, count = 0, line.state.received
     while count - at >= ANSWER_SIZE and board.garbled == 0:
