@@ -121,8 +121,8 @@ class Page:
         self._socket = PageSocket(self._act, self._state)
         self.uploads = Uploads(self._socket.say)
         self.uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        self.uploads.take((SWATCH_SUFFIX,), lambda files, client: self._swatches_of(client).take(files))
-        self.uploads.take((LOOK,), lambda files, client: self._swatches_of(client).take_picture(files))
+        self.uploads.take((SWATCH_SUFFIX,), lambda files, client: self.clients[client].swatches.take(files))
+        self.uploads.take((LOOK,), lambda files, client: self.clients[client].swatches.take_picture(files))
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
@@ -216,12 +216,6 @@ class Page:
             panel.swatches.show(changes.swatch_list, changes.swatches)
             panel.parameters.show()
         self._socket.send_state()
-
-    def _swatches_of(self, client: int) -> SwatchPanel:
-        """The swatch panel of a page that sent files. Raises SceneError if the page has been closed."""
-        if client not in self.clients:
-            raise SceneError("the page that sent the files was closed: drop them again")
-        return self.clients[client].swatches
 
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""
