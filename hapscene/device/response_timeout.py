@@ -17,7 +17,7 @@ PAUSE_S: Final = 0.1
 
 
 POLL_MAX_S: Final = 0.02
-"""Longest time between two polls that counts as silence of the device [s]; a longer one is a pause."""
+"""Longest time between two polls that counts as silence [s]."""
 
 
 def no_answer(name: str, remedy: str) -> DeviceError:

@@ -114,12 +114,7 @@ if INTERPRETED or sys.platform == "win32":
     def _read(file: int, address: int, count: int) -> int:
         return 0
 
-    _write = _read
-
-    @native
-    def _poll(address: int, count: int, timeout_ms: int) -> int:
-        return 0
-
+    _write = _poll = _read
 else:
     _read = types.ExternalFunction("read", types.int64(types.int32, types.uintp, types.uintp))
     _write = types.ExternalFunction("write", types.int64(types.int32, types.uintp, types.uintp))

@@ -68,8 +68,7 @@ def _body_solids(scene: "Scene", body: "Body", colours: NDArray[np.float64], sho
             yield placed(corner_m, layer.normal[rows], shown)
         else:
             tiles = box_uv(corner_m, grain.tile_m(mesh.diagonal_m))[0].reshape(-1, 2)
-            solid = placed(corner_m, layer.normal[rows], shown, tiles, grain.pattern)
-            yield solid._replace(roughness=grain.roughness)
+            yield placed(corner_m, layer.normal[rows], shown, tiles, grain.pattern)._replace(roughness=grain.roughness)
 
 
 def _looks(mesh: Mesh) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.uint8] | None]]:

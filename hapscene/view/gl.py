@@ -70,10 +70,10 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
 def _shadows(pyrender: ModuleType, drawing: Drawing) -> Shadows | None:
     """Draw the depth of the parts that cast shadows, as seen from the sun and from the zenith."""
     parts = [drawing.parts[part] for part in drawing.casters]
-    corner_m = np.concatenate([part.corner_m for part in parts]) if parts else np.zeros((0, 3))
+    solid = joined([part._replace(colour=part.normal) for part in parts])
+    corner_m = solid.corner_m
     if not len(corner_m):
         return None
-    solid = joined([part._replace(colour=part.normal) for part in parts])
     scene = _empty(pyrender, drawing.background)
     scene.add(_mesh(pyrender, solid))
     renderer, found = pyrender.OffscreenRenderer(*drawing.size), list[DepthPicture]()
@@ -93,8 +93,7 @@ def _toward(direction: tuple[float, float, float]) -> NDArray[np.float64]:
 
 
 def _camera(pyrender: ModuleType, extent_m: tuple[float, float, float]) -> Any:
-    x_m, y_m, far_m = extent_m
-    return pyrender.OrthographicCamera(x_m, y_m, znear=far_m * NEAR, zfar=far_m)
+    return pyrender.OrthographicCamera(*extent_m[:2], znear=extent_m[2] * NEAR, zfar=extent_m[2])
 
 
 def _distance(depth: NDArray[np.float32], far_m: float) -> NDArray[np.float32]:

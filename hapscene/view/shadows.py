@@ -165,9 +165,8 @@ def _points(depth_m: Array, X_SC: NDArray[np.floating], pixel_m: float) -> Array
     h, w = depth_m.shape
     x, y = (np.arange(w) + 0.5 - w / 2) * pixel_m, (h / 2 - np.arange(h) - 0.5) * pixel_m
     p_C = np.stack([*np.broadcast_arrays(x[None, :], y[:, None]), -depth_m]).astype(np.float32)
-    return np.asarray(
-        np.tensordot(X_SC[:3, :3].astype(np.float32), p_C, 1) + X_SC[:3, 3, None, None].astype(np.float32)
-    )
+    X = X_SC.astype(np.float32)
+    return np.asarray(np.tensordot(X[:3, :3], p_C, 1) + X[:3, 3, None, None])
 
 
 def _disc(turn: Array) -> Iterator[tuple[Array, Array]]:

@@ -127,12 +127,10 @@ class SwatchPanel:
 
     def _show_cards(self, shown: Sequence[Card]) -> None:
         """Show the cards; previews that are not cached are rendered in a thread and shown later."""
-        self._shown_cards = shown
+        self._shown_cards, previews = shown, self._context.previews
         keys = [self._ball_key(card) for card in shown]
-        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._context.previews]
-        cards = "".join(
-            self._card_html(card, self._context.previews.get(key, "")) for key, card in zip(keys, shown, strict=True)
-        )
+        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in previews]
+        cards = "".join(self._card_html(card, previews.get(key, "")) for key, card in zip(keys, shown, strict=True))
         set_html(self._list, f'<ul class="hs-library" aria-label="Swatches">{cards}</ul>' if cards else "")
         if self._drawing is not None:
             self._drawing.cancel()
