@@ -49,7 +49,7 @@ def main() -> None:
             shutil.copyfile(out / "plots.png", IMG / f"plots{dark}.png")
             _painter(folder, dark)
             _hapscene("view", pebble, "--size", 800, 560, "--out", IMG / f"pebble{dark}.png", *option)
-            film = ("--size", 720, 450)
+            film = ("--size", 600, 375)
             _hapscene("view", SCENE, "--touch", out / "touch.npz", *film, "--out", IMG / f"demo{dark}.gif", *option)
 
 
