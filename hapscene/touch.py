@@ -2,7 +2,6 @@
 
 import json
 import platform
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,7 +33,6 @@ __all__ = [
     "is_model",
     "open_model",
     "open_scene",
-    "speak",
     "step",
     "summarise",
     "touch",
@@ -470,9 +468,3 @@ def _describe_size(scene: "Scene") -> str:
     body_count = len(scene.bodies)
     face_count = sum(len(body.mesh.faces) for body in scene.bodies)
     return f"{body_count} {'body' if body_count == 1 else 'bodies'} of {face_count:,} faces"
-
-
-def speak(text: str) -> None:
-    """Write progress to standard output and flush it."""
-    sys.stdout.write(text)
-    sys.stdout.flush()

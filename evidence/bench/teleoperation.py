@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.surface.swatch import Swatch
-from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
+from hapscene.teleoperation.message import SAMPLE_COUNT
 from hapscene.teleoperation.operation import Operation, OperationResult
 from hapscene.teleoperation.plate import START_M, Gesture, explore, plate
 

@@ -45,7 +45,7 @@ COMMANDS: Final = {
     },
     "Measure": {
         "tune": ("lab:tune", "Simplify a scene as far as a person cannot perceive it."),
-        "lab": ("lab:app", "Stability, benchmarks, user studies, teleoperation, effects."),
+        "lab": ("lab:app", "Stability, benchmarks, user studies, effects."),
     },
 }
 """The top-level commands, in the groups of the help: module and function, and the one-line summary."""

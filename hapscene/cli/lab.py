@@ -34,12 +34,10 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "tune"]
 
-WORDS = ("plugins", "effects", "stability", "study", "teleoperate", "bench", "chart", "reproduce", "warmup")
+WORDS = ("plugins", "effects", "stability", "study", "bench", "chart", "reproduce", "warmup")
 STUDY: Final = "User studies of perception: run a session, write a report."
-TELEOPERATE: Final = "Teleoperation over UDP: a follower touches, a leader renders its contact."
-app = App(name="lab", synonym=WORDS, help="Stability, benchmarks, user studies, teleoperation, effects.")
-app.command("hapscene.cli.sessions:study", name="study", help=STUDY)
-app.command("hapscene.cli.sessions:teleoperate", name="teleoperate", help=TELEOPERATE)
+app = App(name="lab", synonym=WORDS, help="Stability, benchmarks, user studies, effects.")
+app.command("hapscene.cli.study:study", name="study", help=STUDY)
 
 Docs = Annotated[
     Path | None, Parameter(metavar="FOLDER", help="Folder of result pages (docs/results) to update as well.")

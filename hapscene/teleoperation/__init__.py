@@ -1,6 +1,6 @@
 """Teleoperation: a follower touches a surface, and a leader with a haptography handle renders what it feels.
 
-Both devices are simulated, in one process or in two that communicate over UDP.
+Both devices and the link between them are simulated.
 
 ```python
 import numpy as np
@@ -19,9 +19,8 @@ result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceT
 | `leader_follower` | one tick of each device: arm, hand, handle, accelerometer; a follower that is a body of MuJoCo |
 | `endpoint` | state of one end, the position–position controller, the timeout |
 | `wave`, `jitter_buffer` | wave variables, passive over any link; the queue that reorders and delays messages |
-| `datagram` | messages and their UDP format |
+| `message` | what each end sends in a tick |
 | `operation` | both devices and a simulated link with delay, jitter and loss in one compiled loop: `Operation` |
-| `udp_session` | one device per process, over UDP |
 | `plate` | a plate to touch, and a hand that explores it |
 """
 

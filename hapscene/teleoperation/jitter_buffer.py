@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.geometry import Vector
 from hapscene.records import Record, Records, records
-from hapscene.teleoperation.datagram import SAMPLE_COUNT
+from hapscene.teleoperation.message import SAMPLE_COUNT
 
 __all__ = ["QUEUE", "advance_queue", "new_queue", "next_wave", "play_samples", "store"]
 

@@ -26,9 +26,9 @@ from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.records import ROW, Record, Records, records
 from hapscene.surface.surface_arrays import TICK, Surface
-from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, fill_message, new_endpoint, set_start
 from hapscene.teleoperation.jitter_buffer import play_samples
+from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation

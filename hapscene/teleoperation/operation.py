@@ -22,7 +22,6 @@ from hapscene.records import Records, records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
-from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, receive_message
 from hapscene.teleoperation.leader_follower import (
     Array,
@@ -35,6 +34,7 @@ from hapscene.teleoperation.leader_follower import (
     step_follower,
     step_leader,
 )
+from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation

@@ -82,7 +82,6 @@ def test_invalid_input_is_one_line_and_writes_nothing(
         (["warmup"], 'Did you mean "lab"?'),
         (["swatch", "lst"], 'Did you mean "list"? See `hapscene swatch --help`'),
         (["touch", "cube.ply", "--untt=mm"], "Did you mean --unit? See `hapscene touch --help`"),
-        (["lab", "teleoperate", "leader", "--scheme", "wve"], 'Did you mean "wave"?'),
         (["touch"], "SCENE"),
         ([*TOUCH, "--seed", "-1"], "--seed"),
         ([*TOUCH, "--rate", "nan"], "--rate"),
@@ -142,7 +141,7 @@ def test_every_command_has_help_with_examples_in_80_columns(
         assert all(len(line) <= 80 for line in output.splitlines()), words
 
 
-@pytest.mark.parametrize("group", ["swatch", "capture", "device", "lab", "lab teleoperate"])
+@pytest.mark.parametrize("group", ["swatch", "capture", "device", "lab"])
 def test_a_group_prints_its_help(group: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(group.split()) == 0
     output = capsys.readouterr().out

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
 from hapscene.records import records
-from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import (
     ALLOWANCE_J,
     Coupling,
@@ -23,6 +22,7 @@ from hapscene.teleoperation.endpoint import (
     receive_message,
     set_start,
 )
+from hapscene.teleoperation.message import MESSAGE
 from hapscene.teleoperation.operation import Impairment, collect, new_link, post
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.records import records
-from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.jitter_buffer import (
     A_EXTRA_MAX,
     advance_queue,
@@ -17,6 +16,7 @@ from hapscene.teleoperation.jitter_buffer import (
     play_samples,
     store,
 )
+from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
 
 
 def message(tick: int) -> Any:

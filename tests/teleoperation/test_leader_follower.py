@@ -14,7 +14,6 @@ from hapscene.handle.plant import Plant
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.render.renderer import Renderer
-from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import (
     ACCELEROMETER_CORNER_HZ,
@@ -31,6 +30,7 @@ from hapscene.teleoperation.leader_follower import (
     step_leader,
     tip_acceleration,
 )
+from hapscene.teleoperation.message import MESSAGE
 from hapscene.teleoperation.operation import (
     TICK_RECORD,
     UP,

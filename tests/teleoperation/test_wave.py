@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.records import records
-from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import (
     Coupling,
     Endpoint,
@@ -19,6 +18,7 @@ from hapscene.teleoperation.endpoint import (
     receive_message,
     set_start,
 )
+from hapscene.teleoperation.message import MESSAGE
 from hapscene.teleoperation.wave import (
     CREDIT_J,
     DEBT_DAMPING_NS_M,

@@ -45,7 +45,6 @@ from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches import library
-from hapscene.teleoperation.datagram import MESSAGE, DatagramFilter, pack
 from tests.header_line import header_line
 
 Files = Mapping[str, bytes]
@@ -338,18 +337,6 @@ def read_serial(path: Path) -> None:
         decoder.feed(data[i : i + 37], 1e-3 * i)
 
 
-def datagram() -> Files:
-    message = np.zeros(1, MESSAGE)[0]
-    message["tick"], message["p_WT_m"] = 3, (0.1, 0.2, 0.3)
-    return {"x.udp": pack(message, 0, 7)}
-
-
-def read_datagram(path: Path) -> None:
-    message = np.zeros(1, MESSAGE)[0]
-    DatagramFilter(0).accept(path.read_bytes(), message)
-    assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "accepted, but not finite"
-
-
 def page() -> Files:
     message = {"do": "down", "client": 3, "x": 0.5, "y": -0.5, "w": 800, "h": 600, "value": 2.0, "factor": 1.5}
     return {"x.page": json.dumps(message).encode()}
@@ -455,6 +442,5 @@ FORMATS: Mapping[str, Format] = {
     "study": Format(lambda: {"x.toml": STUDY}, load_plan),
     "answers": Format(answers, read_answers, left=lines(r"(?!person).*\d")),
     "serial": Format(serial, read_serial, file=False),
-    "udp": Format(datagram, read_datagram, file=False),
     "page": Format(page, read_page, file=False),
 }

@@ -250,14 +250,7 @@ def _probe(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
     return bodies, lambda bodies: b"".join(map(sealed, bodies))
 
 
-def _datagram(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
-    def join(parts: list[bytes]) -> bytes:
-        return parts[0] + struct.pack("<I", zlib.crc32(parts[0]))
-
-    return [content[:-4]], join
-
-
 SHELLS = {
     b"PK\3\4": _zip, b"\x93NUMPY\1": _npy, b"glTF": _glb, b"RIFF": _riff,
-    b"hapscene record": _record, b"#hapscene-probe": _probe, b"HSTO": _datagram,
+    b"hapscene record": _record, b"#hapscene-probe": _probe,
 }  # fmt: skip

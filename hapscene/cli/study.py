@@ -1,20 +1,14 @@
-"""`hapscene lab study` and `hapscene lab teleoperate`: user studies, and teleoperation over a network."""
+"""`hapscene lab study`: user studies."""
 
-import json
-import math
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from hapscene.cli.console import print_files, print_lines, print_progress
 from hapscene.cli.options import (
-    LOCALHOST,
-    Compensator,
-    Grip,
     Help,
     InFile,
     InFolder,
@@ -22,14 +16,9 @@ from hapscene.cli.options import (
     OutFolder,
     OutputOptions,
     PageOptions,
-    Port,
-    Positive,
-    Seed,
-    SwatchName,
 )
 from hapscene.cli.paths import base_name
-from hapscene.constants import DEFAULT_GRIP
-from hapscene.errors import HapsceneError, StudyError
+from hapscene.errors import StudyError
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
@@ -37,9 +26,9 @@ if TYPE_CHECKING:
     from hapscene.study.playing import OutputPlayer
     from hapscene.study.session import Session
 
-__all__ = ["study", "teleoperate"]
+__all__ = ["study"]
 
-study, teleoperate = App(name="study"), App(name="teleoperate")  # hapscene/cli/lab.py has their help texts
+study = App(name="study")  # hapscene/cli/lab.py has its help text
 
 POLL_S: Final = 0.2
 """Polling interval of the page server [s]."""
@@ -168,76 +157,3 @@ def report(
     path = out or folder / "report.html"
     write_report(folder, path)
     print_files([path])
-
-
-# Teleoperation.
-
-UDP_PORT: Final = 47600
-"""Default port of a follower, not registered with IANA."""
-
-
-@Parameter(name="*", group="Session")
-@dataclass(frozen=True)
-class SessionOptions:
-    """Options of both ends."""
-
-    scheme: Annotated[Literal["wave", "position"], Help("Coupling scheme; must be the same at both ends")] = "wave"
-    duration: Annotated[Positive | None, Help("Duration [s] (default: until Ctrl-C, or until the peer ends)")] = None
-    seed: Seed = 0
-
-    def given(self) -> dict[str, Any]:
-        """The keyword arguments of `run_follower` and `run_leader`."""
-        from hapscene.teleoperation.endpoint import Coupling
-
-        duration_s = math.inf if self.duration is None else self.duration
-        return {"coupling": Coupling(self.scheme), "duration_s": duration_s, "seed": self.seed}
-
-
-@teleoperate.command
-def follower(
-    *,
-    swatch: SwatchName = "wood",
-    host: Annotated[str, Help("Address to listen at")] = LOCALHOST,
-    port: Annotated[Port, Help("UDP port; 0 selects a free one")] = UDP_PORT,
-    allow: Annotated[str | None, Help("The only address from which a leader is accepted; required with --host")] = None,
-    session: SessionOptions = SessionOptions(),
-) -> None:
-    """Run the follower: a simulated device that touches a plate, controlled by a leader.
-
-    It waits for a leader, ends with it, and prints a summary as JSON.
-
-    examples:
-      hapscene lab teleoperate follower --swatch wood
-      hapscene lab teleoperate follower --host 192.168.0.7 --allow 192.168.0.8
-    """
-    if allow is None and host != LOCALHOST:
-        raise HapsceneError(f"--host {host} is reachable from the network; name the address of the leader by --allow")
-    from hapscene.teleoperation.udp_session import run_follower
-
-    _print_summary(run_follower((host, port), allow or LOCALHOST, swatch, **session.given()))
-
-
-@teleoperate.command
-def leader(
-    *,
-    host: Annotated[str, Help("Address of the follower")] = LOCALHOST,
-    port: Annotated[Port, Help("UDP port of the follower")] = UDP_PORT,
-    grip: Grip = DEFAULT_GRIP,
-    compensator: Compensator = "adaptive",
-    session: SessionOptions = SessionOptions(),
-) -> None:
-    """Run the leader: a simulated device in a simulated hand, which renders the contact of the follower.
-
-    When it ends, it prints a summary as JSON.
-
-    examples:
-      hapscene lab teleoperate leader --duration 10
-      hapscene lab teleoperate leader --host 192.168.0.7 --grip firm
-    """
-    from hapscene.teleoperation.udp_session import run_leader
-
-    _print_summary(run_leader((host, port), grip, compensator, **session.given()))
-
-
-def _print_summary(summary: dict[str, Any]) -> None:
-    print(json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False))
