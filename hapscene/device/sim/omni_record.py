@@ -33,7 +33,6 @@ OMNI: Final = np.dtype(
     [
         ("R_WD", "f8", (3, 3)),  # pose of the device
         ("p_WD_m", "f8", (3,)),
-        ("compliant", "i8"),  # 0: the tool is rigidly connected to the arm
         ("stiffness_N_m", "f8", (3,)),  # structure between arm and tool, along x, y, z of D
         ("damping_Ns_m", "f8", (3,)),
         ("tool_kg", "f8"),

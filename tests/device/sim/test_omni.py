@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hapscene.compiled.native import INTERPRETED
 from hapscene.device.sim.hand import HAND
 from hapscene.device.sim.omni import (
     Omni,
@@ -22,7 +21,7 @@ from hapscene.device.sim.omni import (
 )
 from hapscene.device.sim.omni_kinematics import NOMINAL_RAD, forward, inverse, jacobian
 from hapscene.device.sim.omni_record import OmniFlag
-from hapscene.device.sim.omni_step import apparent_mass, gravity
+from hapscene.device.sim.omni_step import apparent_mass, gravity, mass_matrix
 from hapscene.errors import HapsceneError
 from hapscene.records import records
 
@@ -68,7 +67,7 @@ def test_motors_do_the_work_of_the_force_they_are_asked_for(
     X_WD = np.eye(4)
     X_WD[:3, :3], X_WD[:3, 3] = Rotation.from_rotvec(pose[0]).as_matrix(), pose[1]
     p_WT = X_WD[:3, :3] @ (forward(NOMINAL_RAD) + offset) + X_WD[:3, 3]
-    omni = Omni(resolution_m=0.0, gravity=False, compliant=False, peak_N=100.0).record(p_WT, X_WD)
+    omni = Omni(resolution_m=0.0, gravity=False, peak_N=100.0).record(p_WT, X_WD)
     hold_omni(omni[0], *force)
     for dq in np.eye(3):
         v_W = X_WD[:3, :3] @ jacobian(omni.q[0]) @ dq
@@ -91,36 +90,25 @@ def test_hand_values_are_in_the_world_frame(pose: Any, push: tuple[float, ...]) 
     assert holder.target_m[0] == pytest.approx(p_WT + away_m + rate_m_s * 1e-6, abs=1e-15)
 
 
-def test_hand_pulls_the_tool_to_its_target() -> None:
-    omni = Omni(friction_N=0.0).record(ORIGIN)
-    holder = hand(k_N_m=200.0, b_Ns_m=5.0, target_m=(0.03, -0.02, 0.04))
-    for _ in range(20 if INTERPRETED else 1000):
-        hold_omni(omni[0], 0.0, 0.0, 0.0)
-        advance_omni(omni[0], holder[0], 1e-3)
-    if not INTERPRETED:
-        assert tip_omni(omni[0]) == pytest.approx((0.03, -0.02, 0.04), abs=1e-4)
-
-
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_force_accelerates_the_apparent_mass(axis: int) -> None:
-    """Rigid, in the nominal posture: along each axis of D, 1 / (J M⁻¹ Jᵀ)ᵢᵢ with the tool's mass in M."""
-    device = Omni(friction_N=0.0, damping_Ns_m=0.0, resolution_m=0.0, gravity=False, compliant=False, tool_kg=1e-9)
-    omni = device.record(forward(NOMINAL_RAD), np.eye(4))
+    """In the nominal posture the arm starts along each axis of D with 1 / (J M⁻¹ Jᵀ)ᵢᵢ."""
+    omni = EXACT.record(forward(NOMINAL_RAD), np.eye(4))
     force = np.zeros(3)
     force[axis] = 1.0
     hold_omni(omni[0], *force)
     advance_omni(omni[0], hand()[0], 1e-4)
-    assert tip_velocity_omni(omni[0])[axis] == pytest.approx(1e-4 / apparent_mass(NOMINAL_RAD)[axis], rel=1e-3)
+    started_m_s = (jacobian(NOMINAL_RAD) @ omni.dq[0])[axis]
+    assert started_m_s == pytest.approx(1e-4 / apparent_mass(NOMINAL_RAD)[axis], rel=2e-3)
 
 
 def test_tool_brings_the_lightest_direction_to_the_data_sheet_s_mass() -> None:
     """45 g: the forearm's way in the nominal posture, arm and tool as one."""
-    device = Omni(friction_N=0.0, damping_Ns_m=0.0, resolution_m=0.0, gravity=False, compliant=False)
-    omni = device.record(forward(NOMINAL_RAD), np.eye(4))
-    way = jacobian(NOMINAL_RAD)[:, 2] / np.linalg.norm(jacobian(NOMINAL_RAD)[:, 2])
-    hold_omni(omni[0], *way)
-    advance_omni(omni[0], hand()[0], 1e-4)
-    assert 1e-4 / np.dot(tip_velocity_omni(omni[0]), way) == pytest.approx(0.045, rel=1e-3)
+    J = jacobian(NOMINAL_RAD)
+    way = J[:, 2] / np.linalg.norm(J[:, 2])
+    arm_kg = np.linalg.inv(J @ np.linalg.solve(mass_matrix(NOMINAL_RAD), J.T))
+    mobility = np.linalg.inv(arm_kg + Omni().tool_kg * np.eye(3))
+    assert 1.0 / (way @ mobility @ way) == pytest.approx(0.045, rel=1e-3)
 
 
 def test_encoder_counts_are_the_data_sheet_s_resolution() -> None:
@@ -227,14 +215,6 @@ def test_motors_warm_as_a_single_node_and_come_down_to_the_continuous_force() ->
     assert np.abs(np.diff(forces)).max() < 0.6  # comes down over seconds
 
 
-def test_cold_motors_never_come_down() -> None:
-    omni = Omni(gravity=False, thermal_s=math.inf).record(ORIGIN)
-    for _ in range(100):
-        hold_omni(omni[0], 0.0, 0.0, 3.0)
-        omni.held_s = 100.0
-    assert not omni.trouble[0] & OmniFlag.HOT
-
-
 def test_compensated_gravity_holds_the_arm_without_friction() -> None:
     """As exactly as the encoders tell the posture: within 30 µm after a tenth of a second; without it, it falls."""
     fallen = []
@@ -270,17 +250,6 @@ def test_singular_posture_is_flagged() -> None:
     omni.q = (0.0, 1.75, 3.0)
     hold_omni(omni[0], 1.0, 0.0, 0.0)
     assert omni.trouble[0] & OmniFlag.SINGULAR
-
-
-def test_two_runs_are_identical() -> None:
-    ends = []
-    for _ in range(2):
-        omni, holder = Omni().record(ORIGIN), hand(k_N_m=200.0, b_Ns_m=2.0, target_m_s=(0.05, 0.02, -0.1))
-        for _ in range(20 if INTERPRETED else 200):
-            hold_omni(omni[0], 0.0, 0.0, max(0.0, -500.0 * read_omni(omni[0])[2]))
-            advance_omni(omni[0], holder[0], 1e-3)
-        ends.append(omni.tobytes())
-    assert ends[0] == ends[1]
 
 
 @pytest.mark.parametrize(
