@@ -17,7 +17,7 @@ result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceT
 | module | content |
 |---|---|
 | `leader_follower` | one tick of each device: arm, hand, handle, accelerometer; a follower that is a body of MuJoCo |
-| `endpoint` | state of one end, the position–position controller, the timeout |
+| `endpoint` | state of one end, the position–position controller |
 | `wave`, `jitter_buffer` | wave variables, passive over any link; the queue that reorders and delays messages |
 | `message` | what each end sends in a tick |
 | `operation` | both devices and a simulated link with delay, jitter and loss in one compiled loop: `Operation` |

@@ -5,7 +5,7 @@ Two schemes couple the ends. `position` is the position–position controller of
     f = K (x_peer − x) + B (v_peer − v)
 
 with the newest received position and velocity of the peer. `wave` uses wave variables (module `wave`). Both start from
-the positions at which the ends first receive a message, and set the force to zero after `timeout_s` without messages.
+the positions at which the ends first receive a message.
 """
 
 import math
@@ -44,11 +44,6 @@ __all__ = [
 SCHEMES: Final = ("position", "wave")
 """Names of the coupling schemes: position–position controller, and wave variables (module `wave`)."""
 
-TIMEOUT_S: Final = 0.1
-"""Default time without messages after which the motor force becomes zero [s]. A link that loses half of its messages at
-random is silent for so long once in 1e30 ticks. With a longer timeout, the position–position controller would pull
-longer towards the last position of a peer that has stopped."""
-
 CUTOFF_HZ: Final = 50.0
 """Corner of the one-pole low-pass on positions before differentiation [Hz]. An encoder step of 55 µm in 1 ms is
 55 mm/s; at 50 Hz a quarter of it is left."""
@@ -69,7 +64,6 @@ class Coupling:
         stiffness_N_m, damping_Ns_m: K and B of the spring and damper between the two.
         impedance_Ns_m: wave impedance b. A higher one makes the link stiffer (b / delay) and heavier (b · delay).
         force_limit_N: limit of the motor force.
-        timeout_s: time without messages after which the motor force becomes zero.
 
     Raises:
         HapsceneError: unknown scheme, or a number out of range.
@@ -80,12 +74,11 @@ class Coupling:
     damping_Ns_m: float = 3.0
     impedance_Ns_m: float = 3.0
     force_limit_N: float = 3.3
-    timeout_s: float = TIMEOUT_S
 
     def __post_init__(self) -> None:
         if self.scheme not in SCHEMES:
             raise HapsceneError(no_such("coupling scheme", self.scheme, SCHEMES))
-        for name in ("stiffness_N_m", "impedance_Ns_m", "force_limit_N", "timeout_s"):
+        for name in ("stiffness_N_m", "impedance_Ns_m", "force_limit_N"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise HapsceneError(f"coupling: {name} must be finite and above 0, is {getattr(self, name):g}")
         if not 0.0 <= self.damping_Ns_m < math.inf:
@@ -107,7 +100,6 @@ STATE: Final = np.dtype(
         ("force_limit_N", "f8"),
         ("allowance_J", "f8"),
         ("reserve_J", "f8"),
-        ("timeout_ticks", "i8"),
         # the device
         ("x_m", "f8", (3,)),  # position in the last tick
         ("smooth_m", "f8", (3,)),  # low-passed position
@@ -115,10 +107,8 @@ STATE: Final = np.dtype(
         ("f_N", "f8", (3,)),  # force held over the last tick
         ("work_J", "f8"),  # work of the motors on the device since the start
         # the peer
-        ("engaged", "i8"),  # 1 while messages arrive
+        ("engaged", "i8"),  # 1 after the first message
         ("received_tick", "i8"),  # tick of the newest message, −1 before the first
-        ("silent_ticks", "i8"),  # ticks since it arrived
-        ("overtaken", "i8"),  # messages that arrived after a newer one, or twice
         ("peer_m", "f8", (3,)),
         ("peer_m_s", "f8", (3,)),
         ("offset_m", "f8", (3,)),  # from the own position to that of the peer when they engaged
@@ -130,7 +120,6 @@ STATE: Final = np.dtype(
         ("path", "f8", (3,)),  # integral of the received waves
         ("spent", "f8", (3,)),  # integral of the applied waves
         ("spent_J", "f8"),
-        ("short", "i8"),  # ticks in which the received energy was too small
     ],
     align=True,
 )
@@ -153,7 +142,6 @@ def new_endpoint(coupling: Coupling, role: str, tick_s: float) -> Endpoint:
         state[name] = getattr(coupling, name)
     state.allowance_J, state.reserve_J = ALLOWANCE_J, RESERVE_J
     state.smoothing = 1.0 - math.exp(-2.0 * math.pi * CUTOFF_HZ * tick_s)
-    state.timeout_ticks = round(coupling.timeout_s / tick_s)
     state.catch_up = 1.0 - math.exp(-tick_s / CATCH_UP_S)
     state.received_tick = -1
     return Endpoint(state, new_queue())
@@ -172,19 +160,14 @@ def set_start(end: Endpoint, x: float, y: float, z: float) -> None:
 def receive_message(end: Endpoint, now: int, message: Record) -> None:
     """Take in a message of the peer, one MESSAGE, in tick `now`.
 
-    The first new message after silence engages the coupling: both ends move together from their present positions.
+    The first message engages the coupling: both ends move together from their present positions.
     """
     state = end.state[0]
-    overtaken = message.tick <= state.received_tick
-    state.overtaken += overtaken
     if state.engaged == 0:
-        if overtaken:
-            return
-        _engage(end, message)
+        _engage(state, message)
     store(end.queue[0], now, message)
-    if overtaken:
+    if message.tick <= state.received_tick:  # overtaken by a newer one
         return
-    state.silent_ticks = 0
     state.received_tick = message.tick
     for i in range(3):
         state.peer_m[i] = message.p_WT_m[i]
@@ -192,11 +175,9 @@ def receive_message(end: Endpoint, now: int, message: Record) -> None:
 
 
 @native
-def _engage(end: Endpoint, message: Record) -> None:
+def _engage(state: Record, message: Record) -> None:
     """Start the coupling without force; earlier waves do not count."""
-    state = end.state[0]
     state.engaged = 1
-    end.queue[0].started = 0
     for i in range(3):
         state.offset_m[i] = message.p_WT_m[i] - state.x_m[i]
         state.x_d_m[i] = state.x_m[i]
@@ -209,7 +190,6 @@ def fill_message(end: Endpoint, now: int, outgoing: Records) -> None:
     """Fill a message (1,) for the peer; the caller fills in its acceleration samples."""
     state, message = end.state[0], outgoing[0]
     message.tick = now
-    message.echo = state.received_tick
     for i in range(3):
         message.p_WT_m[i] = state.x_m[i]
         message.v_WT_m_s[i] = state.v_m_s[i]
@@ -219,12 +199,9 @@ def fill_message(end: Endpoint, now: int, outgoing: Records) -> None:
 
 @native
 def control(end: Endpoint, now: int, x: float, y: float, z: float) -> Vector:
-    """Compute the motor force [N] of tick `now` for a device at (x, y, z) [m]; zero unless messages arrive."""
+    """Compute the motor force [N] of tick `now` for a device at (x, y, z) [m]; 0 before the first message."""
     state = end.state[0]
     _observe(state, (x, y, z))
-    state.silent_ticks += 1
-    if state.silent_ticks > state.timeout_ticks:
-        state.engaged = 0
     advance_queue(end.queue[0], now)
     for i in range(3):
         state.f_N[i] = 0.0

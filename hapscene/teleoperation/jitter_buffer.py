@@ -40,7 +40,6 @@ QUEUE: Final = np.dtype(
         ("a_due_tick", "i8"),
         ("a_is_new", "i8"),
         ("newest", "i8"),  # tick of the newest message
-        ("missed", "i8"),  # due ticks whose message had not arrived
         ("tick", "i8", (QUEUE_TICKS,)),  # tick of the message in each slot
         ("wave_sqrtJs", "f8", (QUEUE_TICKS, 3)),
         ("wave_J", "f8", (QUEUE_TICKS,)),
@@ -122,4 +121,3 @@ def play_samples(queue: Record, a_m_s2: NDArray[np.float64]) -> None:
     found = queue.started == 1 and queue.a_is_new == 1 and queue.tick[slot] == queue.a_due_tick
     for i in range(SAMPLE_COUNT):
         a_m_s2[i] = queue.a_m_s2[slot, i] if found else 0.0
-    queue.missed += queue.started == 1 and not found

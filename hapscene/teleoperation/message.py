@@ -12,7 +12,6 @@ SAMPLE_COUNT: Final = 10
 MESSAGE: Final = np.dtype(
     [
         ("tick", "i8"),  # tick of the sender, from 0; also the sequence number, since each tick sends one message
-        ("echo", "i8"),  # newest tick received from the peer, −1 before the first: yields the round-trip time
         ("p_WT_m", "f8", (3,)),  # position of the sender's tool
         ("v_WT_m_s", "f8", (3,)),  # its velocity, low-passed
         ("wave_sqrtJs", "f8", (3,)),  # integral over time of the waves sent so far [√(J·s)]

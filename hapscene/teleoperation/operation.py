@@ -78,7 +78,6 @@ LINE: Final = np.dtype(
         ("rng", "u8", (4,)),
         ("head", "i8"),  # number of the oldest message that may still be in transit
         ("tail", "i8"),  # number of the next message; message n is in slot n % SLOT_COUNT
-        ("lost", "i8"),
     ],
     align=True,
 )
@@ -135,7 +134,6 @@ def post(link: Link, tick: int, message: Records) -> None:
     if line.jitter_ticks > 0.0:
         delay += line.jitter_ticks * min(-math.log(1.0 - uniform(line.rng)), JITTER_MOST)
     if (line.loss > 0.0 and uniform(line.rng) < line.loss) or line.tail - line.head == SLOT_COUNT:
-        line.lost += 1
         return
     slot = line.tail % SLOT_COUNT
     line.tail += 1

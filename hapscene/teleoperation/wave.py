@@ -102,7 +102,6 @@ def receive_wave(state: Record, queue: Record) -> Vector:
     if wanted_J > budget_J:
         ratio = math.sqrt(budget_J / wanted_J)
         to_x, to_y, to_z, wanted_J = ratio * to_x, ratio * to_y, ratio * to_z, budget_J
-        state.short += ratio < 0.9
     state.spent[0] += to_x
     state.spent[1] += to_y
     state.spent[2] += to_z

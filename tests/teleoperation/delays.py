@@ -1,6 +1,5 @@
 """Contact and free motion over a link with delay, and the rendered stiffness beside its closed form."""
 
-from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -25,15 +24,6 @@ def land(grip: str) -> ReferenceTrajectory:
     return ReferenceTrajectory.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
 
 
-def swing(grip: str) -> ReferenceTrajectory:
-    """Swing 1 cm up and down at 3 Hz in the air for two seconds, then stop."""
-    t_s = np.arange(4.0 / TICK_S) * TICK_S
-    z_m = 0.03 + 0.01 * np.sin(6.0 * np.pi * t_s) * np.minimum(5.0 * t_s, 1.0) * (t_s < 2.0)
-    return ReferenceTrajectory.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
-
-
-CASES: Final[dict[str, Callable[[str], ReferenceTrajectory]]] = {"land": land, "swing": swing}
-
 REST_MAX_M_S: Final = 0.005
 """Largest speed of a tool at rest, root mean square over the last second [m/s]."""
 
@@ -44,12 +34,12 @@ WALL_N_M: Final = 500.0
 """Stiffness of the plate in the measurement [N/m]."""
 
 
-def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> OperationResult:
-    """One simulation."""
-    intent = CASES[case](grip)
+def operate_landing(scheme: str, delay_s: float, bad: bool = False) -> OperationResult:
+    """A landing in a light grip."""
+    intent = land("light")
     line = Impairment(delay_s, **BAD) if bad else Impairment(delay_s)
     start = intent.target_W_m[0]
-    operation = Operation(plate("wood"), start, coupling=Coupling(scheme), line=line, compensator="none", seed=seed)
+    operation = Operation(plate("wood"), start, coupling=Coupling(scheme), line=line, compensator="none")
     return operation.run(intent)
 
 

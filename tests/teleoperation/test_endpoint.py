@@ -1,4 +1,4 @@
-"""Endpoints: passivity with wave variables on any link, timeout, position–position controller."""
+"""Endpoints: passivity with wave variables on any link, position–position controller."""
 
 import math
 from typing import Any
@@ -114,8 +114,7 @@ def test_transmitted_energy_was_available(line: Impairment, seed: int) -> None:
 @pytest.mark.parametrize("delay_ms", [1, 7, 60])
 def test_constant_delay_transmits_waves_unchanged(delay_ms: int) -> None:
     x_m = wander(1)
-    (leader, follower), f_N, _ = run(x_m, Coupling(), Impairment(delay_ms * TICK_S), unlimited=True)
-    assert leader.state[0].short == follower.state[0].short == 0
+    (leader, _), f_N, _ = run(x_m, Coupling(), Impairment(delay_ms * TICK_S), unlimited=True)
     # the leader's law, from what the follower sent `delay` ago: F = b v − √(2b) v̂, f = −F
     b, smoothing = Coupling().impedance_Ns_m, leader.state[0].smoothing
     smooth = np.zeros(len(x_m))
@@ -157,24 +156,6 @@ def test_position_controller() -> None:
     receive_message(end, 1, outgoing[0])
     f = control(end, 1, 0.01, 0.0, 0.0)
     assert f == pytest.approx((400.0 * 0.001 + 2.0 * 0.1, 400.0 * 0.002, 0.0), abs=1e-12)
-
-
-@pytest.mark.parametrize("scheme", ["wave", "position"])
-def test_force_is_zero_after_the_timeout_and_when_the_peer_returns(scheme: str) -> None:
-    coupling = Coupling(scheme, timeout_s=0.05)
-    end = new_endpoint(coupling, "follower", TICK_S)
-    outgoing = records(1, MESSAGE)
-    for k in range(100):
-        outgoing[0].tick, outgoing[0].p_WT_m = k, (k * 1e-5, 0.0, 0.0)
-        outgoing[0].wave_sqrtJs, outgoing[0].wave_J = (k * 1e-3, 0.0, 0.0), k * 5e-4
-        receive_message(end, k, outgoing[0])
-        force = control(end, k, 0.0, 0.0, 0.0)
-    assert abs(force[0]) > 0.1
-    forces = [control(end, 100 + k, 0.0, 0.0, 0.0)[0] for k in range(100)]
-    assert forces[60:] == [0.0] * 40
-    outgoing[0].tick, outgoing[0].p_WT_m, outgoing[0].wave_sqrtJs = 200, (0.05, 0.0, 0.0), (5.0, 0.0, 0.0)
-    receive_message(end, 200, outgoing[0])
-    assert control(end, 200, 0.0, 0.0, 0.0)[0] == 0.0
 
 
 @given(st.floats(0.5, 5.0), st.integers(0, 100))

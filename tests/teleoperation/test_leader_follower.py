@@ -6,44 +6,26 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.device.sim.point import PointMass
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant
-from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.records import records
-from hapscene.render.renderer import Renderer
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import (
     ACCELEROMETER_CORNER_HZ,
     VIBRATION_CORNER_HZ,
-    Follower,
     Leader,
     high_pass,
     move_by_vibration,
-    new_follower,
     new_leader,
     new_tool,
     set_hand,
-    step_follower,
-    step_leader,
     tip_acceleration,
 )
-from hapscene.teleoperation.message import MESSAGE
 from hapscene.teleoperation.operation import (
-    TICK_RECORD,
     UP,
-    Impairment,
-    Line,
-    Link,
-    follower_renderer,
-    new_link,
-    operate,
-    post,
-    receive,
 )
-from hapscene.teleoperation.plate import plate
 
 DEVICE = PointMass(0.05, 0.1, 0.1, 55e-6)
 H_S = 1.0 / ACCELERATION_RATE_HZ
@@ -104,41 +86,3 @@ def test_hand_moves_linearly_between_rows_and_stops_after_the_last() -> None:
         gripped = make_leader().handle
         grip_handle(gripped[0], grip[k, 0], grip[k, 1])
         assert leader.handle.tobytes() == gripped.tobytes()
-
-
-def test_step_functions_of_the_loop_and_of_separate_ends_agree() -> None:
-    """Two processes call the same step functions as the loop of the simulation; both give the same bits."""
-    count, first = 30, 5
-    intent = ReferenceTrajectory.hold((0.002, 0.0, -0.02), count, "medium", push_W_N=(0.0, 0.0, -0.5))
-    hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-    leader, follower, to_follower, to_leader, _renderer = make_ends()
-    rows = records(count, TICK_RECORD)
-    operate(leader, follower, Line(to_follower, to_leader, records(1, MESSAGE)), first, hand, rows)
-    samples = rows.a_follower_m_s2, rows.a_tip_m_s2, rows.a_handle_m_s2
-    assert rows.touching.any() and np.abs(rows.f_leader_W_N).max() > 0.01
-    assert all(part.any() for part in samples) and to_follower.line[0].lost > 0 and to_leader.line[0].lost > 0
-
-    leader, follower, to_follower, to_leader, _another = make_ends()
-    message = records(1, MESSAGE)
-    for k in range(count):
-        now = first + k
-        assert rows.leader_W_m[k].tolist() == leader.arm.point[0].x_m.tolist()
-        assert rows.follower_W_m[k].tolist() == follower.arm.point[0].x_m.tolist()
-        receive(leader.end, to_leader, now, message)
-        receive(follower.end, to_follower, now, message)
-        step_leader(leader, hand, k, now)
-        step_follower(follower, now)
-        post(to_follower, now, leader.outgoing)
-        post(to_leader, now, follower.outgoing)
-        assert rows.f_leader_W_N[k].tolist() == leader.arm.point[0].f_N.tolist()
-        assert rows.f_follower_W_N[k].tolist() == follower.arm.point[0].f_N.tolist()
-        assert rows.f_contact_W_N[k].tolist() == follower.row[0].f_W_N.tolist()
-        ends = (follower.read_m_s2, leader.tip_m_s2, leader.handle_m_s2)
-        assert [part[k].tolist() for part in samples] == [part.tolist() for part in ends]
-
-
-def make_ends() -> tuple[Leader, Follower, Link, Link, Renderer]:
-    """A leader, a follower, and links with loss; the renderer must live as long as the follower."""
-    leader, renderer = make_leader(), follower_renderer(plate("wood"))
-    follower = new_follower(renderer, DEVICE, Coupling(), (0.0, 0.0, 1e-5), UP)
-    return leader, follower, *(new_link(Impairment(loss=0.2), TICK_S, 3, name) for name in ("forth", "back")), renderer

@@ -52,7 +52,7 @@ def test_full_link_drops_messages() -> None:
     link = new_link(Impairment(0.5), TICK_S, 0, "a")
     for _ in range(SLOT_COUNT + 10):
         post(link, 0, records(1, MESSAGE))
-    assert link.line[0].lost == 10
+    assert link.line[0].tail == SLOT_COUNT
     assert collect(link, 500, records(1, MESSAGE))
 
 

@@ -20,23 +20,22 @@ from tests.teleoperation.delays import (
     energy_out_J,
     final_speed_m_s,
     measure_stiffness,
-    operate_case,
+    operate_landing,
     predict_stiffness,
-    swing,
 )
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("bad", [False, True])
 def test_waves_are_stable_at_50_ms_and_the_position_controller_is_not(bad: bool) -> None:
-    plain, waves = (operate_case(scheme, 0.05, bad, "land", "light") for scheme in ("position", "wave"))
+    plain, waves = (operate_landing(scheme, 0.05, bad) for scheme in ("position", "wave"))
     assert final_speed_m_s(plain) > 0.1 and energy_out_J(plain) > 0.1
     assert final_speed_m_s(waves) < REST_MAX_M_S and energy_out_J(waves) < ENERGY_MAX_J
     assert waves.touching[-1000:].all()
 
 
 def test_the_position_controller_is_stable_without_delay() -> None:
-    plain = operate_case("position", 0.0, False, "land", "light")
+    plain = operate_landing("position", 0.0)
     assert final_speed_m_s(plain) < REST_MAX_M_S and plain.touching[-1000:].all()
 
 
@@ -86,12 +85,6 @@ def test_positions_do_not_drift_apart() -> None:
     apart = [operation.run(intent) for _ in range(5)]
     apart_m = [float(np.linalg.norm(o.leader_W_m[-1] - o.follower_W_m[-1])) for o in apart]
     assert max(apart_m) - min(apart_m) < 0.5e-3
-
-
-def test_swing_amplitude() -> None:
-    z_m = swing("light").target_W_m[:, 2]
-    assert np.abs(z_m - 0.03).max() == pytest.approx(0.01, rel=1e-3)
-    assert np.abs(z_m[:100] - 0.03).max() < 0.005 and np.all(z_m[2000:] == 0.03)
 
 
 def test_the_seed_determines_the_result() -> None:

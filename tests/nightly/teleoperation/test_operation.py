@@ -1,9 +1,8 @@
-"""Teleoperation in closed loop: interpreted and compiled results agree; passivity at long delays."""
+"""Teleoperation in closed loop: interpreted and compiled results agree."""
 
 import os
 import subprocess
 import sys
-from itertools import product
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,6 @@ from hapscene.device.sim.point import PointMass
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.teleoperation.operation import Impairment, Operation
 from hapscene.teleoperation.plate import plate
-from tests.teleoperation.delays import CASES, ENERGY_MAX_J, REST_MAX_M_S, energy_out_J, final_speed_m_s, operate_case
 
 
 def run_briefly() -> list[float]:
@@ -33,17 +31,3 @@ def test_interpreted_and_compiled_agree() -> None:
     compiled = run_briefly()
     assert [float(word) for word in done.stdout.split()] == pytest.approx(compiled, rel=1e-9, abs=1e-15)
     assert compiled[5] != 0.0 and compiled[-1] != 0.0
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("delay_s", [0.005, 0.02, 0.1])
-def test_waves_are_passive_at_every_delay(delay_s: float) -> None:
-    runs = list(product((False, True), CASES, ("light", "firm")))
-    stable = {
-        scheme: [
-            final_speed_m_s(found) <= REST_MAX_M_S and energy_out_J(found) <= ENERGY_MAX_J
-            for found in (operate_case(scheme, delay_s, *run) for run in runs)
-        ]
-        for scheme in ("position", "wave")
-    }
-    assert all(stable["wave"]) and (delay_s < 0.02 or not all(stable["position"]))
