@@ -38,8 +38,6 @@ LINGER_S: Final = 1.0
 
 WRONG: Final = {
     "clipped": "clipped samples",
-    "clips": "samples at the force limit of the handle",
-    "hits": "impacts of the coil on a stop",
     "underruns": "underruns of the output",
 }
 """Descriptions of the error counters of a player, by name."""

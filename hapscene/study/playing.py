@@ -21,9 +21,6 @@ from hapscene.wall_clock import CLOCK, Clock
 
 __all__ = ["OutputPlayer", "handle_player", "headphone_player"]
 
-FULL_SCALE: Final = 32_767
-"""Largest sample of 16 bits."""
-
 TIMEOUT_S: Final = 10.0
 """Time beyond the duration of a sound after which its output counts as disconnected [s]."""
 
@@ -70,7 +67,7 @@ class OutputPlayer:
     Args:
         output: the output; closed with this object.
         shaped: returns the output values of an interval.
-        settings: settings and counters that `report` returns besides the counters of the output.
+        settings: settings that `report` returns besides the counters of the output.
         clock: measures the duration of a sound.
     """
 
@@ -81,7 +78,8 @@ class OutputPlayer:
         settings: dict[str, float],
         clock: Clock = CLOCK,
     ) -> None:
-        self._output, self._shaped, self._settings, self._clock = output, shaped, settings, clock
+        self._output, self._shaped, self._clock = output, shaped, clock
+        self._counts = {**settings, "clipped": 0.0}
         self._feed, self._closed = _Samples(), False
         output.start(self._feed)
 
@@ -94,7 +92,9 @@ class OutputPlayer:
         Raises:
             HapsceneError: the interval cannot be synthesised.
         """
-        return partial(self._play, self._shaped(interval))
+        values, most = self._shaped(interval), self._output.ceiling
+        self._counts["clipped"] += int(np.count_nonzero(np.abs(values) > most))
+        return partial(self._play, np.clip(values, -most, most))
 
     def _play(self, samples: Array) -> None:
         ended, output = self._feed.give(samples), self._output
@@ -113,13 +113,13 @@ class OutputPlayer:
 
     def report(self) -> dict[str, float]:
         """Settings, and numbers of errors, by name."""
-        return {**self._settings, **self._output.counts}
+        return {**self._counts, **self._output.counts}
 
 
 def headphone_player(
     maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], clock: Clock = CLOCK
 ) -> OutputPlayer:
-    """Return a player of acceleration as sound with 16 bits, with the same gain for all stimuli.
+    """Return a player of acceleration as sound, with the same gain for all stimuli.
 
     Raises:
         HapsceneError: stimuli that cannot be synthesised, or an output that is not an audio output.
@@ -127,14 +127,11 @@ def headphone_player(
     if output.takes_force:
         raise StudyError(f'{output.name} is a handle, not an audio output; set channel = "handle" in the plan')
     gain = gain_of(maker, stimuli, output.rate_Hz)
-    counts = {"full_scale_m_s2": 1.0 / gain, "clipped": 0}
 
     def shaped(interval: Interval) -> Array:
-        scaled = FULL_SCALE * gain * maker.samples(interval.stimulus, interval.seed, output.rate_Hz)
-        counts["clipped"] += int(np.count_nonzero(np.abs(scaled) > FULL_SCALE + 0.5))
-        return np.clip(np.rint(scaled), -FULL_SCALE, FULL_SCALE) / FULL_SCALE
+        return gain * maker.samples(interval.stimulus, interval.seed, output.rate_Hz)
 
-    return OutputPlayer(output, shaped, counts, clock)
+    return OutputPlayer(output, shaped, {"full_scale_m_s2": 1.0 / gain}, clock)
 
 
 def handle_player(
@@ -155,16 +152,11 @@ def handle_player(
     plant = load_handle(file).plant if file else Plant()
     for stimulus in stimuli:
         find_compensator(stimulus.compensator or "flat")
-    counts: dict[str, float] = {"clips": 0, "hits": 0, "clipped": 0}
 
     def shaped(interval: Interval) -> Array:
         samples = maker.samples(interval.stimulus, interval.seed, output.rate_Hz)
         compensator = interval.stimulus.compensator or "flat"
         played = play(samples, output.rate_Hz, plant, compensator=compensator, nominal=plant, seed=interval.seed)
-        values = output.gain * played.force_N
-        counts["clips"] += played.clips
-        counts["hits"] += played.hits
-        counts["clipped"] += int(np.count_nonzero(np.abs(values) > output.ceiling))
-        return np.clip(values, -output.ceiling, output.ceiling)
+        return output.gain * played.force_N
 
-    return OutputPlayer(output, shaped, counts, clock)
+    return OutputPlayer(output, shaped, {}, clock)

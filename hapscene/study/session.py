@@ -197,9 +197,6 @@ COLUMNS: Final = (
 )
 """`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0."""
 
-SHA256_LENGTH: Final = 64
-"""Length of the last field of a complete row [characters]."""
-
 RESULTS_MAX_B: Final = 1 << 28
 """Largest results file [bytes]: a million answers."""
 
@@ -239,8 +236,6 @@ class ResultsFile:
             self._file.truncate(len(complete))
             if not complete:
                 self._write(COLUMNS)
-            elif not complete.endswith(b"\n"):  # an editor may have removed the last line end
-                self._file.write(b"\r\n")
         except BaseException:
             self.close()
             raise
@@ -289,13 +284,10 @@ def load_rows(path: Path) -> list[dict[str, str]]:
 
 
 def _complete_rows(content: bytes) -> bytes:
-    """The content without an incomplete last row or header."""
-    before, end, last = content.rpartition(b"\n")
-    if not last or (not end and not ",".join(COLUMNS).encode().startswith(last)):
-        return content
-    row = next(csv.reader([last.decode(errors="replace")]), [""])
-    count = content.partition(b"\n")[0].count(b",") + 1
-    return content if len(row) == count and len(row[-1]) == SHA256_LENGTH else before + end
+    """The content without an incomplete last row or header, which has no line end."""
+    before, end, _ = content.rpartition(b"\n")
+    header = ",".join(COLUMNS).encode()
+    return before + end if end or header.startswith(content) else content  # other content is refused, not removed
 
 
 def _parse(content: bytes) -> list[dict[str, str]]:

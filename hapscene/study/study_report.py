@@ -1,7 +1,6 @@
-"""The report on a study: one HTML page with verdicts, estimates with intervals, and limitations."""
+"""The report on a study: one HTML page with verdicts and estimates with intervals."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -84,7 +83,6 @@ def report(folder: Path) -> str:
         ]
         body.append(_table(block.name, ("stimuli", "estimate (95 %)", "method"), cells))
     body += ["<h2>Participants</h2>", _people(analysis, rows, most)]
-    body += ["<h2>Limitations</h2>", _list(_limits(analysis, rows, most))]
     body += [f"<h2>Plan {plan.sha256}</h2>", f"<pre>{escape(plan.content.decode(errors='replace'))}</pre>"]
     return PAGE.format(title=escape(plan.title), body="\n".join(filter(None, body)))
 
@@ -153,22 +151,3 @@ def _people(analysis: Analysis, rows: Sequence[Row], most: int) -> str:
         latency_s = float(np.median([float(row["latency_s"]) for row in mine]))
         lines.append((person, f"{len(mine)} of {most}", f"{latency_s:.1f} s"))
     return _table("Participants", ("participant", "answers", "median latency"), lines)
-
-
-def _limits(analysis: Analysis, rows: Sequence[Row], most: int) -> list[str]:
-    """What the answers do not show."""
-    plan, people = analysis.plan, len(analysis.people)
-    limits = ["An undecided comparison does not show equality; equivalence is only tested if a block has a margin."]
-    if people < 2:
-        limits.append("There is one participant: the results do not generalise to other people.")
-    elif people < plan.people:
-        limits.append(f"{people} of {plan.people} participants took part: the orders are not balanced yet.")
-    if short := sorted(p for p, n in Counter(row["person"] for row in rows).items() if n < most):
-        limits.append(f"Incomplete sessions: {', '.join(short)}; their answers so far are included.")
-    if (tests := len(_verdicts(analysis.findings))) > 1:
-        limits.append(
-            f"{tests} comparisons are listed, each with its own 95 % interval: one in twenty differs by chance."
-        )
-    if any(row["channel"] == "headphones" for row in rows):
-        limits.append("Stimuli were presented as sound: hearing and touch do not discriminate the same differences.")
-    return limits

@@ -5,8 +5,6 @@ from collections.abc import Callable
 from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.trial_order import Trial, trials
 
-from .people import Truth, people_like
-
 TEXT = """
 title = "Is life noticed?"
 channel = "headphones"
@@ -63,13 +61,3 @@ def asked(plan: Plan, person: str, place: int, answer: Callable[[Trial], int]) -
             trial = order.send((found[-1][1], None))
     except StopIteration:
         return found
-
-
-def observers(*, d: float, people: int, repeats: int) -> tuple[list[int], list[int]]:
-    """Right answers of people who all have this d′, and how many they gave."""
-    plan = one_block("2ifc", repeats)
-    same = Truth(strength={"alive": d, "steady": 0.0}, lapse=0.0)
-    right = []
-    for place, person in enumerate(people_like(same, people, seed=1)):
-        right.append(sum(choice == trial.correct for trial, choice in asked(plan, f"S{place}", place, person.answer)))
-    return right, [repeats] * people

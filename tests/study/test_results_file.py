@@ -2,7 +2,6 @@
 
 import csv
 import io
-import multiprocessing
 from pathlib import Path
 
 import pytest
@@ -64,46 +63,6 @@ def test_there_is_one_writer_at_a_time(path: Path) -> None:
     assert len(load_rows(path)) == 3
     file.close()
     ResultsFile(path).close()
-
-
-def _fill(path: Path) -> None:
-    import resource
-    import signal
-
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    file = ResultsFile(path)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, resource.RLIM_INFINITY))
-    with pytest.raises(StudyError, match="cannot be written"):
-        file.add(ROW)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    file.add(ROW)
-
-
-def test_a_full_disk_leaves_no_incomplete_row(path: Path) -> None:
-    """Simulated by a limit of the file size, with room for ten more bytes."""
-    pytest.importorskip("resource")
-    process = multiprocessing.get_context("fork").Process(target=_fill, args=(path,))
-    process.start()
-    process.join(120)
-    assert process.exitcode == 0
-    assert len(load_rows(path)) == 4 and path.read_bytes().endswith(b"\r\n")
-
-
-def test_a_complete_last_row_without_a_line_end_is_kept(path: Path) -> None:
-    with_sha = ROW | {"stimuli_sha256": "a" * 64, "plan_sha256": "b" * 64}
-    with_file = ResultsFile(path)
-    with_file.add(with_sha | {"trial": 3})
-    with_file.close()
-    content = path.read_bytes()
-    path.write_bytes(content.rstrip())
-    file = ResultsFile(path)
-    assert len(file.rows) == 4
-    file.add(with_sha | {"trial": 4})
-    file.close()
-    assert [row["trial"] for row in load_rows(path)] == ["0", "1", "2", "3", "4"]
-    # a row that ends after the first of the two hashes is incomplete
-    path.write_bytes(content.rstrip()[:-65])
-    assert len(ResultsFile(path).rows) == 3
 
 
 @pytest.mark.parametrize(

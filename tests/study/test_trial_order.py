@@ -6,12 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as some
 
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
-from hapscene.study.trial_order import Trial, balanced, order, trials, williams
+from hapscene.study.trial_order import Trial, balanced, trials, williams
 
 from .plans import TEXT
 
@@ -40,16 +38,6 @@ def test_a_williams_square_is_balanced(count: int) -> None:
     follow = Counter(pair for row in rows for pair in pairwise(row))
     assert len(follow) == count * (count - 1)
     assert not follow or set(follow.values()) == {len(rows) // count}
-
-
-@given(count=some.integers(1, 9), seed=some.integers(0, 2**31 - 1))
-@settings(max_examples=40, deadline=None)
-def test_orders_of_as_many_participants_as_rows_are_the_square(count: int, seed: int) -> None:
-    rows = len(williams(count))
-    orders = [order(count, place, seed) for place in range(rows)]
-    assert len({tuple(one) for one in orders}) == rows
-    assert set(Counter(pair for one in orders for pair in pairwise(one)).values()) <= {rows // count}
-    assert orders[0] == order(count, rows, seed)
 
 
 def test_blocks_and_stimuli_are_balanced_over_participants() -> None:
