@@ -215,7 +215,7 @@ ENOUGH: Final = 1.5
 """Misfit at which the search stops [1]: the model explains all but the noise."""
 
 EVALUATION_MAX: Final = 60
-"""Most evaluations of a search [count]. Searches that converge take 10 to 30."""
+"""Most evaluations of a search for each unknown [count]. Searches that converge take 10 to 30."""
 
 _FAR: Final = 20.0
 """Largest absolute logarithm in the search: 5e8 and 2e-9, within the limits of a `Plant`."""
@@ -225,9 +225,6 @@ _FADED: Final = 1e-3
 
 _DELAY_S: Final = 1e-4
 """Unit of the time constants in the search [s]."""
-
-_STEP: Final = 1e-6
-"""Step of the finite differences in the search [1], for logarithms and for time constants in `_DELAY_S`."""
 
 
 def identify(
@@ -333,24 +330,6 @@ class _Fit:
         left = np.concatenate([(response.response - self.model(x, i)) * w for i, (response, w) in enumerate(each)])
         return np.concatenate([left.real, left.imag, (self._logs(x) - self._logs(self.start)) / PRIOR])
 
-    def slope(self, x: Array) -> Array:
-        """Jacobian of the residual, by finite differences. The hand of a grip changes only the response of that
-        grip."""
-        count = sum(len(response.frequency_Hz) for response in self.responses)
-        slope = np.zeros((2 * count + len(x) - 2, len(x)))
-        row = 0
-        for i, weight in enumerate(self.weight):
-            here, rows = self.model(x, i), slice(row, row + len(weight))
-            for column in (*range(6), 6 + 2 * i, 7 + 2 * i):
-                moved = x.copy()
-                moved[column] += _STEP
-                left = (here - self.model(moved, i)) / _STEP * weight
-                slope[rows, column] = left.real
-                slope[count + rows.start : count + rows.stop, column] = left.imag
-            row += len(weight)
-        slope[2 * count + np.arange(len(x) - 2), np.delete(np.arange(len(x)), (4, 5))] = 1.0 / PRIOR
-        return slope
-
     def solve(self) -> tuple[Array, Array, float]:
         """Minimise. Returns the best x, the standard deviation of each element, and the misfit [1].
 
@@ -370,31 +349,33 @@ class _Fit:
         for start in self._starts(coarse):
             x = self.start = start
             for self.weight in (coarse, fine):
-                found = least_squares(self.residual, x, self.slope, method="lm", x_scale="jac", max_nfev=EVALUATION_MAX)
+                most = EVALUATION_MAX * (len(x) + 1)
+                found = least_squares(self.residual, x, method="lm", x_scale="jac", max_nfev=most)
                 x = found.x
             best = found if best is None or found.cost < best.cost else best
             squares = float(np.sum(best.fun[:count] ** 2)) / (count - len(best.x))
             if squares <= ENOUGH**2:
                 break
-        slope = self.slope(best.x)
+        terms = best.jac[:count] * best.fun[:count, None]
+        slope = best.jac.copy()
         slope[count:] *= _FADED  # the prior serves the search and is no measurement
         inverse = np.linalg.inv(slope.T @ slope)
-        spread = np.maximum(np.diag(inverse) * max(1.0, squares), np.diag(inverse @ self._scatter(best.x) @ inverse))
+        spread = np.maximum(np.diag(inverse) * max(1.0, squares), np.diag(inverse @ self._scatter(terms) @ inverse))
         return best.x, np.sqrt(spread), float(np.sqrt(squares))
 
-    def _scatter(self, x: Array) -> Array:
-        """Covariance of the gradient, Σ g gᵀ over the octaves of each grip with g = Jᵀr of one octave.
+    def _scatter(self, terms: Array) -> Array:
+        """Covariance of the gradient, Σ g gᵀ over the octaves of each grip with g = Jᵀr of one octave, from the
+        products of each row of J with its residual.
 
         It allows for dependent neighbouring bands: a grip that changes during a sweep causes similar errors in many
         bands (Liang & Zeger 1986, "Longitudinal data analysis using generalized linear models", Biometrika 73, with the
         usual factor for few groups).
         """
-        slope, left, bands = self.slope(x), self.residual(x), sum(len(r.frequency_Hz) for r in self.responses)
+        bands = len(terms) // 2
         ends = np.cumsum([len(response.frequency_Hz) for response in self.responses])
         starts = np.concatenate([np.arange(a, b, BAND_PER_OCTAVE) for a, b in zip((0, *ends), ends, strict=False)])
-        terms = slope[: 2 * bands] * left[: 2 * bands, None]
         sums = np.add.reduceat(terms[:bands] + terms[bands:], starts, axis=0)
-        return np.asarray(sums.T @ sums * len(starts) / max(1, len(starts) - len(x)))
+        return np.asarray(sums.T @ sums * len(starts) / max(1, len(starts) - terms.shape[1]))
 
     def _starts(self, weight: list[Array]) -> list[Array]:
         """Start values of the search, the most likely first.

@@ -77,16 +77,8 @@ class Plant:
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
-            given = getattr(self, name)
-            try:
-                value = float(given)
-            except (TypeError, ValueError):
-                raise HandleError(f"plant: {name} must be a number, is {given!r:.60}") from None
-            object.__setattr__(self, name, value)
-            may_be_zero = name in ("b_s_Ns_m", "k_u_N_m", "b_u_Ns_m")
-            if not (0.0 if may_be_zero else NUMBER_MIN) <= value <= NUMBER_MAX:
-                least = "0 or more" if may_be_zero else f"above 0, {NUMBER_MIN:g} or more"
-                raise HandleError(f"plant: {name} must be finite and {least}, at most {NUMBER_MAX:g}; is {value!r}")
+            least = 0.0 if name in ("b_s_Ns_m", "k_u_N_m", "b_u_Ns_m") else NUMBER_MIN
+            _check(self, "plant", name, least, NUMBER_MAX)
 
     def denominator(self) -> Array:
         """Return the coefficients (5,) of the denominator of eq. 8, highest power first. Divided by m_c, they are the
@@ -159,11 +151,16 @@ class Sensor:
     def __post_init__(self) -> None:
         ranges = {"delay_s": (0.0, DELAY_MAX_S), "bandwidth_Hz": (10.0, 1e6), "noise_m_s2_rtHz": (0.0, 100.0)}
         for name, (least, most) in ranges.items():
-            given = getattr(self, name)
-            try:
-                value = float(given)
-            except (TypeError, ValueError):
-                raise HandleError(f"sensor: {name} must be a number, is {given!r:.60}") from None
-            if not least <= value <= most:
-                raise HandleError(f"sensor: {name} must be {least:g} to {most:g}, is {value:g}")
-            object.__setattr__(self, name, value)
+            _check(self, "sensor", name, least, most)
+
+
+def _check(owner: Plant | Sensor, what: str, name: str, least: float, most: float) -> None:
+    """Convert a field to a number within its range."""
+    given = getattr(owner, name)
+    try:
+        value = float(given)
+    except (TypeError, ValueError):
+        raise HandleError(f"{what}: {name} must be a number, is {given!r:.60}") from None
+    if not least <= value <= most:
+        raise HandleError(f"{what}: {name} must be {least:g} to {most:g}, is {value:g}")
+    object.__setattr__(owner, name, value)
