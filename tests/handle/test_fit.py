@@ -167,15 +167,3 @@ def test_insufficient_responses_are_refused() -> None:
         identify([short], RATE_HZ, ["a"])
     with pytest.raises(HandleError, match="octave"):
         asymptote([short])
-
-
-@pytest.mark.soak
-def test_intervals_hold_19_times_of_20() -> None:
-    """Monte Carlo over 100 noises and grips: 1500 intervals."""
-    missed = [len(misses(*_pair(seed))) for seed in range(100)]
-    assert 0.90 < 1.0 - sum(missed) / 1500.0 < 0.99
-
-
-def _pair(seed: int) -> tuple[Identification, Plant, list[Hand]]:
-    found, grips = identified(Plant(), seed=seed)
-    return found, Plant(), grips

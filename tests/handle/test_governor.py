@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from scipy.signal import butter, chirp, sosfilt
 
 from hapscene.handle import COMPENSATORS, Plant, play
-from hapscene.handle.governor import HIGH_HZ, YIELD, yield_corner
-from hapscene.handle.handle_record import new_handle
 from hapscene.handle.playback import PlaybackResult
 from hapscene_evidence.bench.handle import PARAMETERS, firm
 
@@ -112,15 +110,3 @@ def test_gain_returns_after_an_overload() -> None:
     one, two = (play(d, RATE_HZ, compensator="flat").acceleration_m_s2 for d in (desired, disturbed))
     assert 1.0 < np.abs(two[2000:2200]).max() < 6.6 / Plant().m_h_kg
     assert two[-500:] == pytest.approx(one[-500:], abs=0.02)
-
-
-@pytest.mark.parametrize("swing", [0.0, 0.3, 0.5, 1.0, 1.2, 2.0])
-@pytest.mark.parametrize("turn", [0.0, 1.0, 2.5])
-def test_corner_frequency_rises_with_coil_travel(swing: float, turn: float) -> None:
-    h = new_handle(Plant(), Plant(), "flat", RATE_HZ)[0]
-    h.room = 0.8
-    r = swing * h.room * h.room_m
-    h.demand_x[2], h.demand_x[3] = r * np.cos(turn), r * np.sin(turn) * h.swing_rad_s
-    share = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0) ** 2
-    low, high = (np.tan(np.pi * f / RATE_HZ) for f in (COMPENSATORS["flat"].corner_Hz, HIGH_HZ))
-    assert yield_corner(h) == pytest.approx(low + share * (high - low))

@@ -46,22 +46,6 @@ def test_changed_grip_equals_a_new_handle_with_that_grip() -> None:
     assert handle.step.tolist() == at_rest(firm).step.tolist()
 
 
-def test_halving_the_step_changes_nothing() -> None:
-    """The same held forces at twice the rate: the state is the same to rounding, also while the grip changes."""
-    rng = np.random.default_rng(0)
-    coarse, fine = at_rest(Plant()), at_rest(Plant(), 2.0 * RATE_HZ)
-    for k, force in enumerate(rng.uniform(-0.5, 0.5, 2000)):
-        if k % 10 == 0:
-            grip = 500.0 + 400.0 * np.sin(0.01 * k)
-            for handle in (coarse, fine):
-                grip_handle(handle, grip, 0.01 * grip)
-        move(coarse, force)
-        move(fine, force)
-        move(fine, force)
-    assert coarse.hits == 0
-    assert coarse.x == pytest.approx(fine.x, rel=1e-8, abs=1e-12)
-
-
 def test_acceleration_force_and_travel_are_the_plants() -> None:
     """The acceleration is that of SciPy's discretised plant for the force that is reported."""
     from scipy.signal import dlsim

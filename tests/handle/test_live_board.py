@@ -3,7 +3,6 @@
 import re
 import shutil
 import subprocess
-import threading
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,8 @@ from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, WATCHDOG_EXPIR
 from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import spectrogram_error
-from hapscene.handle.serial_handle import BUFFER, START
-from hapscene.io.wire.protocol import WRAP, Column, Header, sample_line, sealed
+from hapscene.handle.serial_handle import START
+from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer
 from tests.header_line import header_line
 from tests.virtual_clock import DrivenClock
@@ -332,40 +331,6 @@ FRAMES = (
 )
 
 
-def is_frame(line: bytes) -> bool:
-    """Whether a line is to the letter what a host may send: checked by other means than the simulator's."""
-    body, star, _ = line.rpartition(b"*")
-    if not star or sealed(body) != line + b"\n":
-        return False
-    with np.errstate(all="ignore"):
-        try:
-            number, *counts = [int(part) for part in body.split(b",")]
-        except ValueError:
-            return body.startswith(b"#hapscene-handle ")
-    return 0 <= number < WRAP and 1 <= len(counts) <= 32 and b",".join(b"%d" % c for c in (number, *counts)) == body
-
-
-def test_invalid_frames_give_no_force() -> None:
-    """Each force follows a complete frame."""
-    rng = np.random.default_rng(5)
-    handle = peer()
-    handle.take(sealed(live_start(1.0, 1)))
-    allowed, rest = False, b""
-    for _ in range(MUTATED):
-        frame = mutated(rng, FRAMES[rng.integers(0, len(FRAMES))])
-        handle.take(frame)
-        *lines, rest = (rest + frame).split(b"\n")
-        allowed |= any(is_frame(line) for line in lines)
-        assert len(handle.queue) <= BUFFER and len(handle._rest) <= 512
-        if handle.queue:
-            assert allowed, frame
-        if handle.queue or rng.random() < 0.01:
-            said = rows(handle.give(len(handle.queue) + 2))
-            assert np.abs(said[:, 1]).max() <= 30_000 and said[-1, 1] == 0
-        handle.take(b"\n" + sealed(live_start(1.0, 1)))
-        allowed, rest = False, b""
-
-
 def test_invalid_frames_from_the_board_are_harmless() -> None:
     """What comes from the board is spoilt: no hang, no crash; what cannot be meant is said, and it plays no more."""
     rng = np.random.default_rng(6)
@@ -456,11 +421,3 @@ def test_firmware_and_simulated_board_agree_on_invalid_frames(sketch: Path) -> N
             script += [b"\n" + sealed(live_start(0.02, 2)), sample_line(0, [1, 2, 3])]
     simulated, compiled = both(sketch, script)
     assert compiled == simulated and rows(compiled)[:, 1].any()
-
-
-def test_threads_end_with_the_board() -> None:
-    before = threading.active_count()
-    live = board(Wire(peer()))
-    live.start(Sine())
-    live.close()
-    assert threading.active_count() <= before  # fewer, where one of another test ended

@@ -10,7 +10,7 @@ from hapscene.errors import HapsceneError
 from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, identify
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import load_handle
-from hapscene.handle.identification_report import _degrees, describe_lines, modelled, write_result
+from hapscene.handle.identification_report import describe_lines, modelled, write_result
 from hapscene.handle.measure import GripRecording, Sweep, load_grip, load_grips, play_grips
 from hapscene.handle.plant import Plant
 
@@ -108,13 +108,6 @@ def test_the_model_that_is_drawn_is_the_one_that_was_fitted(
         response = recording.response((10.0, 600.0))
         off = np.abs(modelled(found, grip, response.frequency_Hz) - response.response)
         assert np.median(off / response.deviation) < 2.0  # of a complex number: 1.2 for the right one
-
-
-@pytest.mark.parametrize("turns", [-3.0, 0.0, 2.0])
-def test_a_phase_is_without_jumps_and_near_0_in_the_middle(turns: float) -> None:
-    phase = np.linspace(-500.0, 300.0, 81)  # −100 in the middle
-    np.testing.assert_allclose(_degrees(np.exp(1j * np.radians(phase + 360.0 * turns))), phase, atol=1e-9)
-    np.testing.assert_allclose(_degrees(np.exp(1j * np.radians(phase - 700.0))), phase + 20.0, atol=1e-9)
 
 
 def test_the_description_states_what_is_and_is_not_determined(

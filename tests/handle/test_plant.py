@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import cont2discrete
 
 from hapscene.errors import HandleError
 from hapscene.handle import Plant
@@ -16,13 +15,6 @@ PLANTS = st.builds(
     k_u_N_m=st.floats(1.0, 5000.0),
     b_u_Ns_m=st.floats(0.0, 50.0),
 )
-
-
-def test_the_defaults_are_the_assumed_handle() -> None:
-    plant = Plant()
-    assert (plant.m_c_kg, plant.k_s_N_m, plant.b_s_Ns_m) == (0.015, 250.0, 0.3)
-    assert (plant.m_h_kg, plant.k_u_N_m, plant.b_u_Ns_m) == (0.12, 500.0, 5.0)
-    assert plant.force_limit_N == 6.6
 
 
 @given(PLANTS)
@@ -53,19 +45,6 @@ def test_the_state_space_is_the_same_system(plant: Plant, frequency_Hz: float) -
     assert got[0] == pytest.approx(complex(plant.response(frequency_Hz)), rel=1e-6)
     assert got[1] == pytest.approx(complex(plant.travel_response(frequency_Hz)), rel=1e-6)
     assert got[2] * s**2 == pytest.approx(got[0], rel=1e-6)
-
-
-def test_the_state_space_matches_a_numerical_integrator() -> None:
-    from scipy.integrate import solve_ivp
-
-    plant = Plant()
-    a, b, c, d = plant.state_space()
-    ad, bd, *_ = cont2discrete((a, b, c, d), 1e-3)
-    x = np.zeros((4, 1))
-    for _ in range(50):
-        x = ad @ x + bd * 2.0
-    other = solve_ivp(lambda _, y: a @ y + 2.0 * b[:, 0], (0.0, 0.05), np.zeros(4), rtol=1e-10, atol=1e-14)
-    assert x[:, 0] == pytest.approx(other.y[:, -1], rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -68,24 +68,12 @@ def test_adaptive_inverse_meets_its_accuracy_goals(signals: dict[str, Any]) -> N
         assert judged.hits == 0
 
 
-def test_adaptive_inverse_is_more_accurate_for_a_different_handle(signals: dict[str, Any]) -> None:
-    for name in bench.SIGNALS:
-        for plant in bench.plants(5, seed=1):
-            assert percent(signals[name], "adaptive", plant) < max(0.5 * percent(signals[name], "inverse", plant), 8.0)
-
-
 def test_measured_and_desired_acceleration_are_aligned(signals: dict[str, Any]) -> None:
     played = play(signals["white"], RATE_HZ)
     assert played.latency_s == pytest.approx(LOOK_AHEAD_S)
     lags = range(-10, 11)
     likeness = [np.dot(np.roll(played.acceleration_m_s2, lag), signals["white"]) for lag in lags]
     assert lags[int(np.argmax(likeness))] == 0
-
-
-def test_the_same_seed_gives_the_same_samples() -> None:
-    desired = np.sin(np.arange(3000) / 10.0)
-    one, two, other = (play(desired, RATE_HZ, seed=seed).acceleration_m_s2 for seed in (0, 0, 1))
-    assert one.tolist() == two.tolist() != other.tolist()
 
 
 @pytest.mark.parametrize("rate_Hz", [2500.0, 5000.0, 20_000.0, 48_000.0])
@@ -98,10 +86,6 @@ def test_other_rates(rate_Hz: float) -> None:
         assert spectrogram_error(desired, played.acceleration_m_s2, rate_Hz) < 0.06
     fixed = play(desired, rate_Hz, heavy, compensator="flat")
     assert spectrogram_error(desired, fixed.acceleration_m_s2, rate_Hz) > 0.15
-
-
-def test_an_empty_signal_is_played() -> None:
-    assert play(np.zeros(0), RATE_HZ).acceleration_m_s2.shape == (0,)
 
 
 def test_invalid_arguments_are_refused() -> None:

@@ -155,13 +155,6 @@ def test_lost_samples_pause_the_estimate() -> None:
     assert np.isfinite(handle.reading_filter).all()
 
 
-def test_compensators_without_adaptation_ignore_measurements() -> None:
-    handle = new_handle(Plant(), Plant(), "flat", RATE_HZ)[0]
-    command_force(handle, 1.0)
-    learn(handle, 0, 5.0, -100.0)
-    assert handle.theta.tolist() == handle.nominal.tolist() and handle.next_sample == 0
-
-
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

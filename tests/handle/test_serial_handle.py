@@ -12,7 +12,7 @@ from hapscene.errors import HandleError
 from hapscene.handle import serial_handle as port_module
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
-from hapscene.handle.serial_handle import BUFFER, START, SerialSource
+from hapscene.handle.serial_handle import SerialSource
 from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer, serve
 from tests.header_line import header_line
@@ -158,22 +158,6 @@ def test_samples_lost_on_the_way_back_are_bridged_up_to_1_percent(wire: Wire, ev
         else:
             with pytest.raises(HandleError, match=r"5\.0 %"):
                 source.play(FORCE)
-
-
-def test_never_more_than_the_buffer_is_sent_ahead() -> None:
-    """The peer asserts it; here it is shown that the assertion can fail."""
-    handle = peer()
-    for first in range(0, BUFFER + 64, 32):
-        handle.take(sample_line(first, range(32)))
-    with pytest.raises(AssertionError, match="more than the buffer"):
-        handle.give(1)
-
-
-def test_empty_buffer_gives_zero_force() -> None:
-    handle = peer()
-    handle.take(sealed(START) + sample_line(0, [100, 200]))
-    rows = [line.split(b"*")[0].split(b",") for line in handle.give(4).split(b"\n") if line and line[:1] != b"#"]
-    assert [(int(row[1]), int(row[3])) for row in rows] == [(100, 1), (200, 2), (0, 2), (0, 2)]
 
 
 @pytest.fixture

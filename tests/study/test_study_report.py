@@ -113,15 +113,6 @@ def test_a_single_participant(answered: Callable[..., Path]) -> None:
     assert "P01 34 of 34 2.5 s" in page and "(−∞ to ∞)" in page
 
 
-def test_equivalence_requires_a_margin(tmp_path: Path) -> None:
-    same = Truth({"alive": 1.0, "steady": 1.0}, {"alive": 4.0, "steady": 4.0}, {"gain": 2.0})
-    plan = PLAN.replace("repeats = 8", "repeats = 60").replace("trials = 12", "trials = 5")
-    simulate(parse_plan(plan), tmp_path / "a", people=10, truth=same, seed=2)
-    page = text_of(report(tmp_path / "a"))
-    assert "equivalent: the interval of d′ lies within ±1" in page
-    assert "stronger, alive − steady: undecided" in page
-
-
 def test_a_report_needs_answers(tmp_path: Path) -> None:
     with Session(parse_plan(PLAN), tmp_path / "a", "P01"):
         pass

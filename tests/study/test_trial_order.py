@@ -4,12 +4,11 @@ import sys
 from collections import Counter
 from itertools import pairwise
 
-import numpy as np
 import pytest
 
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
-from hapscene.study.trial_order import Trial, balanced, trials, williams
+from hapscene.study.trial_order import Trial, trials, williams
 
 from .plans import TEXT
 
@@ -49,12 +48,6 @@ def test_blocks_and_stimuli_are_balanced_over_participants() -> None:
         rated = [[t for t in asked if t.block.name == "real"][3 * repeat : 3 * repeat + 3] for asked in people]
         places = Counter((k, t.intervals[0].stimulus.name) for own in rated for k, t in enumerate(own))
         assert set(places.values()) == {4} and len(places) == 9
-
-
-@pytest.mark.parametrize("count", [1, 2, 7])
-def test_sides_come_equally_often(count: int) -> None:
-    seen = np.bincount(balanced(count, np.random.default_rng(count)), minlength=2)
-    assert seen.sum() == count and abs(seen[0] - seen[1]) <= 1
 
 
 def test_correct_answers_are_balanced_over_sides() -> None:

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.operation import Impairment, Operation, OperationResult
 from hapscene.teleoperation.plate import plate
-from tests.teleoperation.delays import WALL_N_M, predict_stiffness
+from tests.teleoperation.delays import WALL_N_M
 
 Array = NDArray[np.float64]
 
@@ -71,22 +70,6 @@ def test_it_agrees_with_a_follower_on_a_scene() -> None:
     assert np.mean(ours.touching == theirs.touching) > 0.99
     received = [o.a_follower_m_s2.ravel() for o in (ours, theirs)]
     assert np.corrcoef(received)[0, 1] > 0.99 and ours.latency_s == theirs.latency_s
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("step_s", [1e-4, 1e-3])
-def test_rendered_stiffness_is_that_of_springs_in_series(step_s: float) -> None:
-    """1/K = 1/K_wall + 1/K_c, with the delay of one tick."""
-    rest = [
-        ReferenceTrajectory.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)
-    ]
-    columns = ("target_W_m", "grip", "push_W_N")
-    both = ReferenceTrajectory(*(np.concatenate([getattr(part, name) for part in rest]) for name in columns))
-    felt = operated(Wall(step_s), both)
-    light, firm = felt.leader_W_m[3999, 2], felt.leader_W_m[-1, 2]
-    assert 0.5 / (light - firm) == pytest.approx(predict_stiffness(1e-3), rel=2e-3)
-    assert felt.f_leader_W_N[-1, 2] == pytest.approx(1.0, rel=1e-3)
-    assert felt.f_contact_W_N[-1, 2] == pytest.approx(1.0, rel=1e-3)
 
 
 def test_unknown_contact_force_is_nan() -> None:

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.device.sim.hand import Grip
-from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
@@ -95,13 +94,3 @@ def test_the_seed_determines_the_result() -> None:
     )
     assert first.leader_W_m.tobytes() == second.leader_W_m.tobytes()
     assert first.a_handle_m_s2.tobytes() == second.a_handle_m_s2.tobytes()
-
-
-@pytest.mark.soak
-def test_ten_minutes_with_impairments() -> None:
-    operation = Operation(plate("wood"), START_M, coupling=Coupling(), line=Impairment(0.05, **BAD), device=Omni())
-    intent = explore("light", 500.0).intent
-    for _ in range(600_000 // len(intent)):
-        operated = operation.run(intent)
-        assert final_speed_m_s(operated) < REST_MAX_M_S
-    assert operation.leader.end.state[0].work_J + operation.follower.end.state[0].work_J < ENERGY_MAX_J

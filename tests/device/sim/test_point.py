@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.device.sim.hand import GRIPS, HAND, Grip, grip_named
+from hapscene.device.sim.hand import GRIPS, HAND, Grip
 from hapscene.device.sim.point import PointMass, advance_point, hold_point, read_point
 from hapscene.errors import HapsceneError
 
@@ -109,19 +109,8 @@ def test_impossible_numbers_of_a_point_are_refused_by_name(name: str, value: flo
         PointMass(**{"mass_kg": 0.1, name: value})
 
 
-def test_friction_may_be_zero_but_mass_must_be_positive() -> None:
-    assert PointMass(0.1, 0.0, 0.0, 0.0).b_Ns_m == 0.0
-    with pytest.raises(HapsceneError, match="mass_kg must be finite and above 0, is 0"):
-        PointMass(0.0)
-
-
 @pytest.mark.parametrize("name", ["k_N_m", "b_Ns_m", "mass_kg"])
 @pytest.mark.parametrize("value", IMPOSSIBLE)
 def test_impossible_numbers_of_a_grip_are_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(HapsceneError, match=f"grip: {name} must be finite and at least 0, is {value}"):
         Grip(**{"k_N_m": 0.0, "b_Ns_m": 0.0, name: value})
-
-
-def test_unknown_grip_is_answered_with_those_there_are() -> None:
-    with pytest.raises(HapsceneError, match="no grip 'fist'; there are: firm, light, medium, none"):
-        grip_named("fist")
