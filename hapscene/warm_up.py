@@ -28,7 +28,6 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
 from hapscene.surface.swatch import Swatch
-from hapscene.teleoperation.leader_follower import step_leader
 from hapscene.teleoperation.operation import operate
 
 __all__ = ["warm_up"]
@@ -44,7 +43,7 @@ _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points
 
 _FIRST: Final = (tick, run_ticks, place_proxy)
 _CONTACT: Final = (place_bodies, move_ball, couple, control_passivity, shade, render_fields)
-_LATER: Final = (*_CONTACT, drive, operate, step_leader)
+_LATER: Final = (*_CONTACT, drive, operate)
 """Large functions, declared in advance so that the progress line shows their total number."""
 
 
@@ -135,22 +134,10 @@ def _serve(scene: Scene) -> None:
 
 
 def _teleoperate() -> None:
-    from hapscene.handle import Plant
-    from hapscene.handle.handle_record import new_handle
-    from hapscene.teleoperation.endpoint import Coupling
-    from hapscene.teleoperation.leader_follower import new_follower, new_leader, read_accelerometer
-    from hapscene.teleoperation.message import SAMPLE_COUNT
-    from hapscene.teleoperation.operation import UP, Operation, follower_renderer
+    from hapscene.teleoperation.operation import Operation
     from hapscene.teleoperation.plate import START_M, plate
 
-    scene, coupling, intent = plate(SWATCH), Coupling(), ReferenceTrajectory.hold(START_M, 2)
-    Operation(scene, START_M).run(intent)
-    tool = new_follower(follower_renderer(scene), Omni(), coupling, START_M, UP).tool
-    read_accelerometer(tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
-    handle = new_handle(Plant(), Plant(), "adaptive", ACCELERATION_RATE_HZ, 0)
-    leader = new_leader(Omni(), handle, coupling, START_M, UP)
-    hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-    step_leader(leader, hand, 0, 0)
+    Operation(plate(SWATCH), START_M).run(ReferenceTrajectory.hold(START_M, 2))
 
 
 def _play_on_handle() -> None:

@@ -16,7 +16,7 @@ result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceT
 
 | module | content |
 |---|---|
-| `leader_follower` | one tick of each device: arm, hand, handle, accelerometer; a follower that is a body of MuJoCo |
+| `leader_follower` | one tick of each device: arm, hand, handle, accelerometer |
 | `endpoint` | state of one end, the position–position controller |
 | `wave`, `jitter_buffer` | wave variables, passive over any link; the queue that reorders and delays messages |
 | `message` | what each end sends in a tick |

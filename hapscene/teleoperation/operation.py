@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from hapscene.surface.effect import Effect
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, receive_message
 from hapscene.teleoperation.leader_follower import (
     Array,
-    BodyFollower,
     Follower,
     Hand,
     Leader,
@@ -35,10 +34,6 @@ from hapscene.teleoperation.leader_follower import (
     step_leader,
 )
 from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
-
-if TYPE_CHECKING:
-    from hapscene.bridge.simulation import Simulation
-
 
 __all__ = [
     "JITTER_MOST",
@@ -176,8 +171,7 @@ class OperationResult:
         t_s: (n,) start of each tick.
         leader_W_m, follower_W_m: (n, 3) exact tool positions.
         f_leader_W_N, f_follower_W_N: (n, 3) motor forces, held over the tick.
-        f_contact_W_N: (n, 3) force of the surface on the follower's tool, at the end of the tick; NaN if a simulation
-            is followed that does not provide it.
+        f_contact_W_N: (n, 3) force of the surface on the follower's tool, at the end of the tick.
         touching: (n,) whether the follower is in contact.
         a_follower_m_s2: (n, SAMPLE_COUNT) accelerometer of the follower, along the handle.
         a_tip_m_s2: (n, SAMPLE_COUNT) acceleration of the leader's tip, by base motors and hand.
@@ -209,28 +203,25 @@ class Operation:
     """A simulated hand that touches a scene through a leader, a link and a follower.
 
     Args:
-        scene: scene that the follower touches; or a simulation, such as a robot in `hapscene.bridge.MuJoCo`, of which a
-            body is the follower: its motors exert a force at the origin of the body, and it touches objects of the
-            simulation.
-        p_WT: (3,) start position of both tools. A body starts where it is.
+        scene: scene that the follower touches.
+        p_WT: (3,) start position of both tools.
         coupling: coupling of the ends.
         line: impairment of the link in each direction.
-        device: device of both ends; for a body, only of the leader.
+        device: device of both ends.
         compensator: compensator of the leader's handle, a name of `hapscene.handle.compensator.COMPENSATORS`; "none"
             renders with the base motors alone.
         plant: the actual handle; the compensator assumes `Plant()`.
         effects, seed: as in `Renderer`.
         axis_W: (3,) direction of the handle.
-        body: name of the following body of a simulation; optional if there is only one.
 
     Raises:
-        HapsceneError: a start position out of reach of the device, an unknown compensator or body, a simulation
-            whose steps do not divide a tick, or an argument that `Renderer` refuses.
+        HapsceneError: a start position out of reach of the device, an unknown compensator, or an argument that
+            `Renderer` refuses.
     """
 
     def __init__(
         self,
-        scene: "Scene | Simulation",
+        scene: Scene,
         p_WT: Sequence[float],
         *,
         coupling: Coupling | None = None,
@@ -241,15 +232,10 @@ class Operation:
         effects: Sequence[str | Effect] = EFFECTS,
         seed: int = 0,
         axis_W: Sequence[float] = UP,
-        body: str | None = None,
     ) -> None:
         coupling, line, device = coupling or Coupling(), line or Impairment(), simulated_device(device or "omni")
-        self.follower: Follower | BodyFollower
-        if isinstance(scene, Scene):
-            self.renderer = follower_renderer(scene, effects, seed)
-            self.follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
-        else:
-            self.follower = BodyFollower(scene, body, coupling, axis_W)
+        self.renderer = follower_renderer(scene, effects, seed)
+        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
         handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
         self.leader: Leader = new_leader(device, handle, coupling, p_WT, axis_W)
         # "forth" and "back" seed the random streams of the links: other names give other results
@@ -258,17 +244,14 @@ class Operation:
         self._ticks = 0
 
     def __repr__(self) -> str:
-        return f"<Operation: {self.follower if isinstance(self.follower, BodyFollower) else self.renderer!r}>"
+        return f"<Operation: {self.renderer!r}>"
 
     def run(self, intent: ReferenceTrajectory) -> OperationResult:
         """Simulate a reference trajectory of the leader's hand, one tick per row, from the present state."""
         n = len(intent)
         rows = records(n, TICK_RECORD)
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        if isinstance(self.follower, BodyFollower):
-            self._operate(self.follower, hand, rows)
-        else:
-            operate(self.leader, self.follower, self.line, self._ticks, hand, rows)
+        operate(self.leader, self.follower, self.line, self._ticks, hand, rows)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
         column: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in TICK_RECORD.names or ()}
@@ -281,23 +264,6 @@ class Operation:
             latency_s=self.latency_s,
             work_J=leader_J + follower_J,
         )
-
-    def _operate(self, follower: BodyFollower, hand: Hand, rows: Records) -> None:
-        """Do the same as `operate` for a follower that is not compiled."""
-        leader, line = self.leader, self.line
-        for k, row in enumerate(rows):
-            now = self._ticks + k
-            receive(follower.end, line.to_follower, now, line.message)
-            receive(leader.end, line.to_leader, now, line.message)
-            row.leader_W_m, row.follower_W_m = find_tip(leader.arm), follower.p_W_m
-            row.f_follower_W_N = follower.step(now)
-            post(line.to_leader, now, follower.outgoing)
-            row.f_leader_W_N = step_leader(leader, hand, k, now)
-            post(line.to_follower, now, leader.outgoing)
-            row.f_contact_W_N = follower.contact()
-            row.touching = np.abs(row.f_contact_W_N).max() > 0.0
-            row.a_follower_m_s2, row.a_tip_m_s2 = follower.read_m_s2, leader.tip_m_s2
-            row.a_handle_m_s2 = leader.handle_m_s2
 
     @property
     def latency_s(self) -> float:
