@@ -15,7 +15,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import save_handle
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, WATCHDOG_EXPIRED, LiveBoard, live_start
+from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, LiveBoard, live_start
 from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import spectrogram_error
@@ -144,20 +144,6 @@ def test_bytes_on_the_wire_match_the_documented_protocol() -> None:
         [30_000, 3, RUN + LIVE + LIMITED],
         [0, 3, RUN + LIVE + EMPTY],
     ]
-
-
-def test_without_commands_the_watchdog_of_the_board_stops_the_force() -> None:
-    handle = peer()
-    handle.take(sealed(live_start(0.02, 3)))
-    for first in range(0, 992, 32):  # 0.2 s of force in hand
-        handle.take(sample_line(first, [1000] * 32))
-    said = rows(handle.give(300))
-    assert said[:100, 1].all() and not said[100:, 1].any()  # 20 ms, to the sample
-    assert (said[100:, 4] == 3 * RUN + LIVE + EMPTY + WATCHDOG_EXPIRED).all()
-    handle.take(sample_line(992, [1000] * 32))
-    assert not peer_force(handle)  # until the next start line
-    handle.take(sealed(live_start(0.02, 4)) + sample_line(0, [1000]))
-    assert peer_force(handle)
 
 
 def test_the_force_ends_within_the_watchdog_time_when_the_computer_dies() -> None:

@@ -119,21 +119,6 @@ def test_second_sweep_works_after_the_sample_counter_wraps(wire: Wire) -> None:
     assert np.abs(second[1] - felt(second[0])).max() > 0.1  # the hand has changed
 
 
-def test_lines_lost_towards_the_handle_are_silence_that_it_reports(wire: Wire) -> None:
-    handle = peer()
-    take, count = handle.take, iter(range(1_000_000))
-
-    def lossy(data: bytes) -> None:
-        take(b"\n".join(line for line in data.split(b"\n") if line.startswith(b"#") or next(count) % 10 != 7))
-
-    handle.take = lossy  # type: ignore[method-assign]
-    wire.play(handle)
-    with closing(SerialSource(wire.port)) as source:
-        force, acceleration = source.play(FORCE)
-    assert 0.75 < np.abs(force).sum() / np.abs(FORCE).sum() < 0.97
-    np.testing.assert_allclose(acceleration, felt(force), atol=1e-3)
-
-
 def dropping(every: int) -> Callable[[bytes], bytes]:
     """Leaves out each sample line whose number is a multiple."""
 

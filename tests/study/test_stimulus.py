@@ -23,6 +23,8 @@ from hapscene.study.stimulus import (
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
 
+from .plans import TEXT
+
 RATE_HZ = 48_000.0
 
 
@@ -154,23 +156,8 @@ def test_all_stimuli_have_the_same_gain(maker: StimulusMaker) -> None:
         gain_of(maker, [], RATE_HZ)
 
 
-def test_all_levels_of_a_staircase_are_stimuli(maker: StimulusMaker) -> None:
-    plan = parse_plan(
-        """
-        title = "t"
-        people = 1
-        [stimuli.a]
-        swatch = "wood"
-        [stimuli.unused]
-        swatch = "paper"
-        [[blocks]]
-        name = "g"
-        kind = "staircase"
-        stimulus = "a"
-        parameter = "gain_dB"
-        reference = 3.0
-        levels = [1.0, 4.0, 3]
-        """
-    )
+def test_all_levels_of_a_staircase_are_stimuli() -> None:
+    text = TEXT.split("[[blocks]]")
+    plan = parse_plan(f"{text[0]}[[blocks]]{text[-1]}".replace("[0.25, 8.0, 32]", "[1.0, 4.0, 3]\nreference = 3.0"))
     assert [one.gain_dB for one in all_stimuli(plan)] == pytest.approx([3.0, 4.0, 5.0, 7.0])
-    assert {one.name for one in all_stimuli(plan)} == {"a"}
+    assert {one.name for one in all_stimuli(plan)} == {"alive"}

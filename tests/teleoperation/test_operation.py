@@ -84,13 +84,3 @@ def test_positions_do_not_drift_apart() -> None:
     apart = [operation.run(intent) for _ in range(5)]
     apart_m = [float(np.linalg.norm(o.leader_W_m[-1] - o.follower_W_m[-1])) for o in apart]
     assert max(apart_m) - min(apart_m) < 0.5e-3
-
-
-def test_the_seed_determines_the_result() -> None:
-    intent = explore("medium", 500.0).intent
-    line = Impairment(0.01, 0.005, 0.1)
-    first, second = (
-        Operation(plate("wood"), START_M, coupling=Coupling(), line=line, seed=4).run(intent) for _ in range(2)
-    )
-    assert first.leader_W_m.tobytes() == second.leader_W_m.tobytes()
-    assert first.a_handle_m_s2.tobytes() == second.a_handle_m_s2.tobytes()
