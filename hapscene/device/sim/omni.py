@@ -108,12 +108,10 @@ class Omni:
         peak_N: peak force in the nominal posture; may be infinite.
         continuous_N: continuous force in the nominal posture.
         thermal_s: thermal time constant of the motors; infinite for no heating.
-        compliant: False for a tool that is rigidly connected to the arm.
         stiffness_N_m: stiffness of the structure between arm and tool, along x, y, z of D.
         damping_ratio: damping ratio of the tool on the structure, in the nominal posture.
         tool_kg: mass of the tool.
-        gravity: whether gravity and counterbalance act.
-        gravity_compensated: whether the motors compensate them.
+        gravity: whether gravity and counterbalance act; the motors compensate them.
 
     Raises:
         HapsceneError: value out of range.
@@ -125,12 +123,10 @@ class Omni:
     peak_N: float = 3.3
     continuous_N: float = 0.88
     thermal_s: float = 60.0
-    compliant: bool = True
     stiffness_N_m: tuple[float, float, float] = (1260.0, 2310.0, 1020.0)
     damping_ratio: float = 0.05
     tool_kg: float = 0.0079
     gravity: bool = True
-    gravity_compensated: bool = True
 
     def __post_init__(self) -> None:
         above = ("peak_N", "continuous_N", "thermal_s", "tool_kg")
@@ -168,8 +164,7 @@ class Omni:
         omni = np.zeros(1, OMNI).view(np.recarray)
         lever_m = np.array(NOMINAL_LEVER_M)
         omni.R_WD, omni.p_WD_m = X[:3, :3], X[:3, 3]
-        omni.compliant, omni.gravity, omni.compensated = self.compliant, self.gravity, self.gravity_compensated
-        omni.stiffness_N_m, omni.tool_kg = self.stiffness_N_m, self.tool_kg
+        omni.gravity, omni.stiffness_N_m, omni.tool_kg = self.gravity, self.stiffness_N_m, self.tool_kg
         omni.damping_Ns_m = 2.0 * self.damping_ratio * np.sqrt(np.array(self.stiffness_N_m) * self._reduced_kg())
         omni.friction_Nm, omni.viscous_Nms = self.friction_N * lever_m, self.damping_Ns_m * lever_m**2
         omni.quantum_rad = [2.0 * math.pi / n if n else 0.0 for n in self.counts]
@@ -207,7 +202,7 @@ def hold_omni(omni: np.record, x_N: float, y_N: float, z_N: float) -> None:
     J = lever(turns)
     if abs(leverage(turns)) < SINGULAR:
         omni.trouble |= _SINGULAR
-    weight2, weight3 = gravity_at(q[1], turns) if omni.gravity * omni.compensated == 1 else (0.0, 0.0)
+    weight2, weight3 = gravity_at(q[1], turns) if omni.gravity == 1 else (0.0, 0.0)
     wanted = (
         J[0][0] * f0 + J[1][0] * f1 + J[2][0] * f2,
         J[0][1] * f0 + J[1][1] * f1 + J[2][1] * f2,

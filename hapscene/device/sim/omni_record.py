@@ -33,7 +33,6 @@ OMNI: Final = np.dtype(
     [
         ("R_WD", "f8", (3, 3)),  # pose of the device
         ("p_WD_m", "f8", (3,)),
-        ("compliant", "i8"),  # 0: the tool is rigidly connected to the arm
         ("stiffness_N_m", "f8", (3,)),  # structure between arm and tool, along x, y, z of D
         ("damping_Ns_m", "f8", (3,)),
         ("tool_kg", "f8"),
@@ -43,8 +42,7 @@ OMNI: Final = np.dtype(
         ("peak_Nm", "f8", (3,)),  # peak torque of each motor
         ("continuous_Nm", "f8", (3,)),  # continuous torque of each motor
         ("thermal_s", "f8"),  # thermal time constant; infinite: no heating
-        ("gravity", "i8"),  # 1: gravity and counterbalance act
-        ("compensated", "i8"),  # 1: the motors compensate gravity and counterbalance
+        ("gravity", "i8"),  # 1: gravity and counterbalance act, and the motors compensate them
         # state
         ("q", "f8", (3,)),  # joints [rad]
         ("dq", "f8", (3,)),  # [rad/s]

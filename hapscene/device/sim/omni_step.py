@@ -25,9 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.compiled.native import inlined, native
 from hapscene.device.sim.omni_kinematics import (
     ELBOW_RAD,
-    FOREARM_M,
     SHOULDER_RAD,
-    UPPER_M,
     WAIST_RAD,
     Matrix,
     Turns,
@@ -374,19 +372,6 @@ def _cut(omni: np.record, force: Vector) -> float:
 
 
 @native
-def pull_rigid(omni: np.record, grip: Grip, p: Vector, v: Vector) -> Vector:
-    """Force of the hand [N] on a tool that is rigidly connected to the arm, at `p` with velocity `v`."""
-    k, b, _, target, push = grip
-    force = (
-        k * (target[0] - p[0]) - b * v[0] + push[0],
-        k * (target[1] - p[1]) - b * v[1] + push[1],
-        k * (target[2] - p[2]) - b * v[2] + push[2],
-    )
-    cut = _cut(omni, force)
-    return force[0] * cut, force[1] * cut, force[2] * cut
-
-
-@native
 def _hand_force(omni: np.record, grip: Grip, new: Vector, h_s: float) -> Vector:
     """Mean force of the hand on the tool over the step [N]."""
     k, b, _, target, push = grip
@@ -433,25 +418,16 @@ def step(omni: np.record, grip: Grip, h_s: float) -> None:
     q, w = omni.q, omni.dq
     half = 0.5 * h_s
     q1, q2, q3 = q[0] + half * w[0], q[1] + half * w[1], q[2] + half * w[2]
-    if omni.compliant == 1:
-        now = _kick_compliant(omni, grip, (q1, q2, q3), h_s)
-    else:
-        now = _kick_rigid(omni, grip, (q1, q2, q3), h_s)
+    now = _kick(omni, grip, (q1, q2, q3), h_s)
     q[0], q[1], q[2] = q1 + half * now[0], q2 + half * now[1], q3 + half * now[2]
     for i in range(3):
         omni.ddq[i] = (now[i] - w[i]) / h_s
         w[i] = now[i]
     _keep(omni)
-    if omni.compliant == 0:
-        turns = turns_at(q[0], q[1], q[2])
-        p, J = tip(turns), lever(turns)
-        for i in range(3):
-            omni.p_DT_m[i] = p[i]
-            omni.v_DT_m_s[i] = J[i][0] * w[0] + J[i][1] * w[1] + J[i][2] * w[2]
 
 
 @inlined
-def _kick_compliant(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
+def _kick(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
     """Joint velocities after the step for an arm at `q` in mid-step. Also advances the tool, which is a separate
     mass."""
     p, v = omni.p_DT_m, omni.v_DT_m_s
@@ -461,32 +437,11 @@ def _kick_compliant(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vecto
     before, mean = _speeds(omni, h_s)
     new, pull = kick_tool(omni, grip, end, _times(J, mean), h_s)
     torque = _transposed(J, pull)
-    now = _kick_arm(omni, slopes, load, q, before, mean, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), torque, h_s)
+    now = _kick_arm(omni, slopes, load, q, before, mean, torque, h_s)
     for i in range(3):
         p[i] += 0.5 * h_s * (v[i] + new[i])
         v[i] = new[i]
     return now
-
-
-@native
-def _kick_rigid(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
-    """Joint velocities after the step if the tool, with the mass of the hand, is rigidly connected to the arm."""
-    turns = turns_at(q[0], q[1], q[2])
-    slopes, load = slopes_at(q[1], q[2], turns), _load(omni, q, turns)
-    at, J = tip(turns), lever(turns)
-    m = omni.tool_kg + grip[2]
-    mass = (
-        _gram(J, 0, 0, m),
-        _gram(J, 1, 1, m),
-        _gram(J, 2, 2, m),
-        _gram(J, 0, 1, m),
-        _gram(J, 0, 2, m),
-        _gram(J, 1, 2, m),
-    )
-    before, mean = _speeds(omni, h_s)
-    turn, f = _turning(turns, mean), pull_rigid(omni, grip, at, _times(J, mean))
-    torque = _transposed(J, (f[0] - m * turn[0], f[1] - m * turn[1], f[2] - m * turn[2]))
-    return _kick_arm(omni, slopes, load, q, before, mean, mass, torque, h_s)
 
 
 @native
@@ -504,19 +459,16 @@ def _kick_arm(
     q: Vector,
     w: Vector,
     mean: Vector,
-    mass: Symmetric,
     torque: Vector,
     h_s: float,
 ) -> Vector:
-    """Joint velocities after the step, from w, `load` and the `torque` of the tip. `mass` is added to that of the
-    arm."""
+    """Joint velocities after the step, from w, `load` and the `torque` of the tip."""
     bias = coriolis_at(slopes, mean[0], mean[1], mean[2])
     stop = _stops(omni, q, mean)
     drive1 = load[0] + torque[0] - bias[0] + stop[0]
     drive2 = load[1] + torque[1] - bias[1] + stop[1]
     drive3 = load[2] + torque[2] - bias[2] + stop[2]
-    m11, m22, m33 = slopes[0] + mass[0], K6 + mass[1], K7 + mass[2]
-    m12, m13, m23 = slopes[1] + mass[3], mass[4], slopes[2] + mass[5]
+    m11, m22, m33, m12, m13, m23 = slopes[0], K6, K7, slopes[1], 0.0, slopes[2]
     b = omni.viscous_Nms
     lag1, lag2, lag3 = 0.5 * h_s * b[0], 0.5 * h_s * b[1], 0.5 * h_s * b[2]
     push = (
@@ -601,21 +553,3 @@ def _transposed(J: Matrix, f: Vector) -> Vector:
         J[0][1] * f[0] + J[1][1] * f[1] + J[2][1] * f[2],
         J[0][2] * f[0] + J[1][2] * f[1] + J[2][2] * f[2],
     )
-
-
-@native
-def _gram(J: Matrix, i: int, j: int, m: float) -> float:
-    """Element of m JᵀJ."""
-    return m * (J[0][i] * J[0][j] + J[1][i] * J[1][j] + J[2][i] * J[2][j])
-
-
-@native
-def _turning(turns: Turns, w: Vector) -> Vector:
-    """(dJ/dt) w, the acceleration of the tip at constant joint velocities [m/s²]."""
-    s1, c1, s2, c2, s3, c3 = turns
-    r = UPPER_M * c2 + FOREARM_M * s3
-    rate = -UPPER_M * s2 * w[1] + FOREARM_M * c3 * w[2]
-    out = -UPPER_M * c2 * w[1] * w[1] - FOREARM_M * s3 * w[2] * w[2] - r * w[0] * w[0]
-    up = -UPPER_M * s2 * w[1] * w[1] + FOREARM_M * c3 * w[2] * w[2]
-    side = 2.0 * rate * w[0]
-    return out * s1 + side * c1, up, out * c1 - side * s1

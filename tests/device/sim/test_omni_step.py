@@ -81,28 +81,19 @@ def energy_J(omni: Any, hands: Any) -> float:
     E = 0.5 * dq @ mass_matrix(q) @ dq + 0.5 * hands.k_N_m[0] * away @ away
     kg = omni.tool_kg[0] + hands.mass_kg[0]
     E += 0.5 * kg * omni.v_DT_m_s[0] @ omni.v_DT_m_s[0]
-    if omni.compliant[0]:
-        stretch = p - forward(q)
-        E += 0.5 * np.sum(omni.stiffness_N_m[0] * stretch**2)
+    E += 0.5 * np.sum(omni.stiffness_N_m[0] * (p - forward(q)) ** 2)
     if omni.gravity[0]:
         E += potential_J(q)
     return float(E)
 
 
-@pytest.mark.parametrize("compliant", [True, False])
-def test_energy_is_kept_to_second_order(compliant: bool) -> None:
+def test_energy_is_kept_to_second_order() -> None:
     """A frictionless arm, let fall on a hand's spring: the error is small, and a quarter at half the step."""
-    device = Omni(
-        friction_N=0.0,
-        damping_Ns_m=0.0,
-        damping_ratio=0.0,
-        resolution_m=0.0,
-        gravity_compensated=False,
-        compliant=compliant,
-    )
+    device = Omni(friction_N=0.0, damping_Ns_m=0.0, damping_ratio=0.0, resolution_m=0.0)
     drift_J = []
     for count in (1, 2):
         omni = device.record(ORIGIN)
+        omni.torque_Nm = 0.0  # the motors do not compensate gravity
         spring = hand(k_N_m=60.0, target_m=(0.02, 0.01, 0.005))
         start_J, worst_J, moved_J = energy_J(omni, spring), 0.0, 0.0
         for _ in range(500 // SHORT):
@@ -118,15 +109,13 @@ def test_energy_is_kept_to_second_order(compliant: bool) -> None:
 
 
 @settings(max_examples=6, deadline=None)
-@given(st.tuples(*[st.floats(-5, 5)] * 3), st.booleans())
-def test_energy_never_increases(dq: tuple[float, float, float], compliant: bool) -> None:
+@given(st.tuples(*[st.floats(-5, 5)] * 3))
+def test_energy_never_increases(dq: tuple[float, float, float]) -> None:
     """Pushed and released: no step gains more than the integrator's error, and friction brings it to rest."""
     assume(max(map(abs, dq)) > 1e-6)  # below, rounding exceeds the energy
-    omni = Omni(gravity=False, compliant=compliant).record(ORIGIN)
+    omni = Omni(gravity=False).record(ORIGIN)
     omni.dq = dq
     no_hand = hand()
-    if not compliant:
-        omni.v_DT_m_s = jacobian(omni.q[0]) @ omni.dq[0]
     last_J = start_J = energy_J(omni, no_hand)
     for _ in range(400 // SHORT):
         omni.trouble = 0
@@ -158,16 +147,15 @@ def wall(device: Omni, grip: tuple[float, float, float], count: int, ticks: int)
 
 
 @pytest.mark.parametrize("grip", [(60.0, 0.3, 0.0), (200.0, 2.0, 0.01), (500.0, 5.0, 0.03)])
-@pytest.mark.parametrize("compliant", [True, False])
-def test_halving_the_step_changes_nothing(grip: tuple[float, float, float], compliant: bool) -> None:
+def test_halving_the_step_changes_nothing(grip: tuple[float, float, float]) -> None:
     """Tip within 1 µm and force within 1 % over half a second of tapping and stroking, friction and all.
 
     Encoders are exact here: a count that falls a microsecond later into the next tick is not the integrator's doing.
     """
-    device = Omni(resolution_m=0.0, compliant=compliant)
+    device = Omni(resolution_m=0.0)
     coarse, fine = (wall(device, grip, count, 500 // SHORT) for count in (10, 20))
     change = np.abs(coarse - fine).max(axis=0)
-    print(f"{grip} compliant={compliant}: tip {change[:3].max() * 1e6:.3f} µm, force {change[3] * 1e3:.3f} mN")
+    print(f"{grip}: tip {change[:3].max() * 1e6:.3f} µm, force {change[3] * 1e3:.3f} mN")
     assert coarse[:, 3].max() > 0.3 or SHORT > 1
     assert change[:3].max() < 1e-6
     assert change[3] < 0.01 * coarse[:, 3].max() + 1e-9
@@ -218,7 +206,7 @@ def test_more_than_friction_moves_it() -> None:
 
 def test_sliding_joint_stops_at_once_and_stays() -> None:
     """Reference F4, a waist that slides to rest: it slows at c / M11 to exactly 0, without one change of sign."""
-    omni = Omni(damping_Ns_m=0.0, compliant=False, gravity=False, tool_kg=1e-9, resolution_m=0.0).record(ORIGIN)
+    omni = Omni(damping_Ns_m=0.0, gravity=False, tool_kg=1e-9, resolution_m=0.0).record(ORIGIN)
     omni.dq = (1.0, 0.0, 0.0)
     no_hand, speeds = hand(), []
     for _ in range(900):
@@ -258,7 +246,7 @@ nasty = st.one_of(anything, st.sampled_from([1e9, -1e9, 1e300, -1e300, np.nan, n
     st.tuples(*[nasty] * 3),
     st.tuples(*[nasty] * 3),
     st.tuples(*[nasty] * 3),
-    st.sampled_from([Omni(), FREE, Omni(compliant=False), Omni(tool_kg=1e-4, stiffness_N_m=(1e5, 1e5, 1e5))]),
+    st.sampled_from([Omni(), FREE, Omni(tool_kg=1e-4, stiffness_N_m=(1e5, 1e5, 1e5))]),
 )
 def test_any_input_leaves_it_finite_and_within_its_stops(
     force: tuple[float, ...],
