@@ -237,13 +237,6 @@ class SerialPort:
         except GONE as error:
             raise self._gone(error) from None
 
-    def discard_input(self) -> None:
-        """Discard all bytes that have arrived: those from before a pause, or after a lost synchronisation."""
-        try:
-            self._serial.reset_input_buffer()
-        except GONE as error:
-            raise self._gone(error) from None
-
     def write(self, data: bytes) -> None:
         """Send a message. Messages stay complete: bytes that the port did not accept precede the next message.
 

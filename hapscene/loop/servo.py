@@ -81,7 +81,7 @@ class Servo(ServoConnection):
 
     Raises:
         HapsceneError: on entry, if `Twin` rejects an argument or shared memory is too small; in every later call, if
-            the process has ended.
+            the process has ended or the tool does not exist.
     """
 
     def __init__(
@@ -198,7 +198,6 @@ class Servo(ServoConnection):
         """Message of a real device that needs attention; empty without one.
 
         Raises:
-            HapsceneError: the process has ended.
             DeviceError: a device failed.
         """
         return read_text(self._channel.notice)
@@ -208,18 +207,11 @@ class Servo(ServoConnection):
 
         It has readiness, buttons, temperature, orientation, velocity and gripper, as far as the device has them, in the
         device frame.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
         """
         return self._channel.states[self._number(tool)].copy()
 
     def tool_pose(self, *, tool: int = 0) -> NDArray[np.float64]:
-        """Return the pose (4, 4) of a real device's tool in W; z is along the handle, towards the hand.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
-        """
+        """Return the pose (4, 4) of a real device's tool in W; z is along the handle, towards the hand."""
         X_WT, X_WD = np.eye(4), self._arguments.get("X_WD")
         R_WD = np.eye(3) if X_WD is None else numbers(X_WD)[:3, :3]
         X_WT[:3, :3], X_WT[:3, 3] = R_WD @ self.device_state(tool=tool).R_DT, self.state(tool=tool).p_WT_m
@@ -229,18 +221,11 @@ class Servo(ServoConnection):
         """Return the events of the buttons of a device from change `since` on, and the number from which to continue.
 
         The last 63 changes are available.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
         """
         return button_events_of(self.device_state(tool=tool), since)
 
     def on_button(self, call: Callable[[ButtonEvent], object], *, tool: int = 0) -> None:
-        """Call a function for each button event from now on, in a separate thread, within about 10 ms.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
-        """
+        """Call a function for each button event from now on, in a separate thread, within about 10 ms."""
         _, since = self.button_events(tool=tool)
 
         def watch(since: int) -> None:
@@ -277,11 +262,7 @@ class Servo(ServoConnection):
         return given
 
     def withdraw(self, *, tool: int) -> None:
-        """Let a tool touch nothing until its next `start`; its force ends.
-
-        Raises:
-            HapsceneError: the tool does not exist, or the process has ended.
-        """
+        """Let a tool touch nothing until its next `start`; its force ends."""
         self._order("withdraw", self._number(tool))
 
     @property
@@ -359,7 +340,6 @@ class Servo(ServoConnection):
 
         Raises:
             SceneError: the body is unknown, the pose is not (4, 4), or a velocity is not three finite numbers.
-            HapsceneError: the process has ended.
         """
         index = self._index(body)
         if np.shape(X_WB) != (4, 4):
@@ -423,7 +403,6 @@ class Servo(ServoConnection):
 
         Raises:
             SceneError: the servo has no such body.
-            HapsceneError: the process has ended.
         """
         index, shared = self._index(body), self._channel
         given = shared.impulse[:, index]
@@ -437,9 +416,6 @@ class Servo(ServoConnection):
         """Return contact events from tick `since` on, and the tick from which to continue.
 
         Events are available for the last `ring_s` seconds.
-
-        Raises:
-            HapsceneError: the process has ended.
         """
         log = self.read(max(_tick_number(since) - 1, 0), tool=tool)  # including the tick before, to detect changes
         swatch_names = [swatch.name for swatch in self.scene.swatches]
@@ -578,11 +554,7 @@ class Servo(ServoConnection):
         return state
 
     def contact(self, *, tool: int = 0) -> Contact | None:
-        """Return the contact of the newest tick of a tool, for a simulation of a soft body; None without contact.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
-        """
+        """Return the contact of the newest tick of a tool, for a simulation of a soft body; None without contact."""
         row, count, _ = self._newest(tool)
         if count == 0 or not state_of(bytearray(row), 0, 0.0).touching:
             return None
@@ -599,18 +571,12 @@ class Servo(ServoConnection):
             if done.item() < count + self._length - 1:
                 return row, count, at_ns
 
-    def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
+    def read(self, since: int = 0, *, tool: int = 0) -> TickLog:
         """Return the ticks of a tool from tick `since` on, or from the oldest in the ring buffer on.
 
-        Args:
-            since: number of the first tick.
-            tool: number of the tool.
-            after_end: whether to read the last ticks of a process that has ended.
-
-        Raises:
-            HapsceneError: the process has ended and `after_end` is False, or the servo is closed.
+        `session_log` has the last ticks of a process that has ended.
         """
-        shared = self._opened if after_end and self._opened is not None else self._channel
+        shared = self._channel
         done = int(shared.channel[0].done)
         first = max(_tick_number(since), done - self._length, 0)
         slots = np.arange(first, max(done, first)) % self._length
@@ -630,11 +596,7 @@ class Servo(ServoConnection):
         return log_of(self._opened, self.scene, self._renderer_arguments, self._tuned, reason)
 
     def timing(self) -> TimingStatistics:
-        """Return the timing statistics since the start of the process.
-
-        Raises:
-            HapsceneError: the process has ended.
-        """
+        """Return the timing statistics since the start of the process."""
         channel = self._channel.channel[0]
         return TimingStatistics(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
