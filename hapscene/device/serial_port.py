@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import INTERPRETED, native
 from hapscene.device.driver import Found
 from hapscene.errors import DeviceError
-from hapscene.records import records
+from hapscene.records import Record, records
 from hapscene.wall_clock import CLOCK, Clock
 
 try:
@@ -98,7 +98,7 @@ GONE_EVENTS: Final = 0x38
 class SerialLine(NamedTuple):
     """An open serial port for compiled code. Its functions never wait."""
 
-    state: Any  # LINE
+    state: Record  # LINE
     input: NDArray[np.uint8]  # (256,) received bytes, which the driver removes
     output: NDArray[np.uint8]  # (64,) bytes that the port has not accepted yet; they precede the next message
     poll: NDArray[np.int32]  # (2,) a `struct pollfd`

@@ -27,7 +27,7 @@ from hapscene.loop.servo_state import STOPS, ButtonEvent, Mode, ServoState, Tick
 from hapscene.loop.session_log import SessionLog, log_of, note_order
 from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
-from hapscene.records import block_of
+from hapscene.records import Record, block_of
 from hapscene.render.contact_info import Contact, ContactEvent, Impulse, events_of
 from hapscene.render.moving_bodies import warn_of_refused
 from hapscene.render.renderer import OTHER_BODIES, warn_of_far
@@ -202,13 +202,14 @@ class Servo(ServoConnection):
         """
         return read_text(self._channel.notice)
 
-    def device_state(self, *, tool: int = 0) -> Any:
+    def device_state(self, *, tool: int = 0) -> Record:
         """Return a copy of the last state (DEVICE_STATE,) of a real device.
 
         It has readiness, buttons, temperature, orientation, velocity and gripper, as far as the device has them, in the
         device frame.
         """
-        return self._channel.states[self._number(tool)].copy()
+        state: Record = self._channel.states[self._number(tool)].copy()
+        return state
 
     def tool_pose(self, *, tool: int = 0) -> NDArray[np.float64]:
         """Return the pose (4, 4) of a real device's tool in W; z is along the handle, towards the hand."""
@@ -492,7 +493,15 @@ class Servo(ServoConnection):
         body: Body = self._in_turn(lambda: self._add(mesh, name, unit, swatch, pose, two_sided))
         return body
 
-    def _add(self, mesh: Any, name: str | None, unit: str | None, swatch: Any, pose: Any, two_sided: bool) -> Body:
+    def _add(
+        self,
+        mesh: Mesh | str | os.PathLike[str],
+        name: str | None,
+        unit: str | None,
+        swatch: SwatchLike | None,
+        pose: ArrayLike | None,
+        two_sided: bool,
+    ) -> Body:
         if len(self.scene.bodies) == self._room:
             raise HapsceneError(f"{BODY_ROOM:,} bodies were added to this servo, which is its limit; start a new servo")
         swatches, sources = list(self.scene.swatches), list(self.scene.swatch_source)

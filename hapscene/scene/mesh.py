@@ -290,7 +290,7 @@ def _freeze(mesh: Mesh, name: str, values: ArrayLike, dtype: DTypeLike) -> None:
 class Part:
     """Triangles with names and colours, in the unit of the file."""
 
-    vertices: NDArray[Any]  # (n, 3)
+    vertices: NDArray[np.float64]  # (n, 3)
     faces: NDArray[Any]  # (m, 3)
     group: NDArray[Any]  # (m,) index into names
     names: list[str]
