@@ -29,7 +29,7 @@ from hapscene.scene.mesh import (
 )
 from hapscene.scene.obj import read_obj
 from hapscene.scene.off import read_off
-from hapscene.scene.ply import add_look, declared_counts, ply_groups
+from hapscene.scene.ply import add_look, declared_counts, ply_groups, strips_to_faces
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import declared_by, faces_in, step_glb
 from hapscene.scene.topology import edges_of, weld
@@ -263,6 +263,8 @@ def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[li
         return [read_obj(content, str(path), resolver)], None
     if suffix == "off":
         return [read_off(content, str(path))], None
+    if suffix == "ply":
+        content = strips_to_faces(content, str(path))
     face_count = check(suffix, content, str(path))
     if suffix == "stl" and not _is_text(content):
         content = content[: _binary_end(content)]  # drop data that some programs append after the faces

@@ -14,7 +14,7 @@ from hapscene.io.files import write_whole
 from hapscene.scene.material import Material, open_picture, picture_file
 from hapscene.scene.mesh import Mesh, Part
 
-__all__ = ["HEADER_MAX_B", "add_look", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh"]
+__all__ = ["HEADER_MAX_B", "add_look", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh", "strips_to_faces"]
 
 _COMMENT: Final = "hapscene group"
 _MATERIAL: Final = "hapscene material"
@@ -99,8 +99,7 @@ def declared_counts(content: bytes, where: str) -> dict[str, int]:
     """Return the number of elements of each kind that the header of a PLY file declares.
 
     Raises:
-        MeshError: there is no header; or a number exceeds the size of the file, so that it must not be allocated; or
-            the file has triangle strips, which trimesh does not read.
+        MeshError: there is no header, or a number exceeds the size of the file, so that it must not be allocated.
     """
     header = _header(content)
     if not content.startswith(b"ply") or not header:
@@ -113,9 +112,117 @@ def declared_counts(content: bytes, where: str) -> dict[str, int]:
                 f"{where}: not a valid PLY file, or truncated: the header declares {count:,} of element {element!r}, "
                 f"but the size of the file is {len(content):,} bytes"
             )
-    if counts.get("tristrips"):
-        raise MeshError(f"{where}: triangle strips are not supported: export the mesh with faces")
     return counts
+
+
+# Triangle strips. Each triangle shares its first two corners with the one before it; a negative index ends a strip.
+#
+# trimesh does not read them, so they are replaced by faces in the content of the file.
+
+_STRIPS: Final = "tristrips"
+
+_ORDER: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+_TYPES: Final = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+}
+"""NumPy types of the types in a header."""
+
+
+def strips_to_faces(content: bytes, where: str) -> bytes:
+    """Return the content of a PLY file with its triangle strips replaced by faces; unchanged if it has none.
+
+    Raises:
+        MeshError: the strips are damaged, or an unsupported variant.
+    """
+    if not declared_counts(content, where).get(_STRIPS):
+        return content
+    try:
+        return _replace_strips(content)
+    except (ValueError, LookupError, OverflowError, StopIteration) as error:
+        reason = str(error) if type(error) is ValueError else "damaged"
+        raise MeshError(f"{where}: invalid triangle strips, or truncated: {reason}") from None
+
+
+def _replace_strips(content: bytes) -> bytes:
+    lines = _header(content)
+    body = content[content.index(b"\n", content.index(b"end_header")) + 1 :]
+    fields = [line.split() for line in lines]
+    at = next(i for i, words in enumerate(fields) if words[:2] == ["element", _STRIPS])
+    types: dict[str, list[list[str]]] = {}  # the types of the properties of each element
+    for words in fields:
+        if words[:1] == ["element"]:
+            types[words[1]] = []
+        elif words[:1] == ["property"]:
+            types[list(types)[-1]].append(words[1:-1])
+    before = list(types)[: list(types).index(_STRIPS)]
+    rows = {words[1]: int(words[2]) for words in fields if words[:1] == ["element"]}
+    if "face" in types or any(len(kind) != 1 for name in before for kind in types[name]):
+        raise ValueError("expected strips without faces, after the vertices")
+    ((_, count_type, index_type),) = types[_STRIPS]
+    order = _ORDER[next(words[1] for words in fields if words[:1] == ["format"])]
+    count_dtype, index_dtype = (np.dtype(order + _TYPES[kind]) for kind in (count_type, index_type))
+    if "f" in (count_dtype.kind, index_dtype.kind):
+        raise ValueError("expected lists of integers")
+    if order:
+        start = sum(rows[name] * np.dtype(_TYPES[kind]).itemsize for name in before for (kind,) in types[name])
+        strips, end = _binary_strips(body, start, rows[_STRIPS], count_dtype, index_dtype)
+        triangles = _triangles(strips)
+        faces = np.zeros(len(triangles), [("count", "u1"), ("corners", f"{order}i4", 3)])
+        faces["count"], faces["corners"] = 3, triangles
+        body = body[:start] + faces.tobytes() + body[end:]
+    else:
+        texts = [line for line in body.splitlines() if line.strip()]
+        first = sum(rows[name] for name in before)
+        last = first + rows[_STRIPS]
+        if len(texts) < last:
+            raise ValueError(f"expected {last:,} lines after the header, found {len(texts):,}")
+        triangles = _triangles([_text_strip(line.split()) for line in texts[first:last]])
+        body = b"\n".join(
+            [*texts[:first], *(b"3 %d %d %d" % tuple(row) for row in triangles.tolist()), *texts[last:], b""]
+        )
+    lines[at : at + 2] = [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    return "\n".join([*lines, "end_header", ""]).encode() + body
+
+
+def _binary_strips(
+    body: bytes, at: int, count: int, count_type: np.dtype[np.generic], index_type: np.dtype[np.generic]
+) -> tuple[list[NDArray[Any]], int]:
+    """Return the strips from an offset, and the offset of their end."""
+    strips = []
+    for _ in range(count):
+        length = int(np.frombuffer(body, count_type, 1, at)[0])
+        if length < 0:  # NumPy would read to the end
+            raise ValueError("negative length")
+        at += count_type.itemsize
+        strips.append(np.frombuffer(body, index_type, length, at) if length else np.zeros(0, index_type))
+        at += length * index_type.itemsize
+    return strips, at
+
+
+def _text_strip(tokens: list[bytes]) -> NDArray[Any]:
+    if len(tokens) != int(tokens[0]) + 1:
+        raise ValueError(f"expected {int(tokens[0]):,} indices, found {len(tokens) - 1:,}")
+    return np.array(tokens[1:], np.int64)
+
+
+def _triangles(strips: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return the triangles of strips (m, 3), without the degenerate ones that join strips.
+
+    Every second triangle of a strip has the opposite order, so two of its corners are exchanged.
+    """
+    found = [np.zeros((0, 3), np.int64)]
+    for strip in strips:
+        for part in np.split(strip, np.flatnonzero(strip < 0)):
+            corners = part[part >= 0].astype(np.int64)
+            if len(corners) >= 3:
+                triangles = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+                triangles[1::2, :2] = triangles[1::2, 1::-1]
+                a, b, c = triangles.T
+                found.append(triangles[(a != b) & (b != c) & (c != a)])
+    return np.concatenate(found)
 
 
 def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[np.int64], list[str]] | None:

@@ -63,8 +63,44 @@ def test_file_without_faces_raises(tmp_path, elements):
         load_mesh(tmp_path / "m.ply", "m")
 
 
-def test_triangle_strips_are_refused(tmp_path):
-    strips = "element tristrips 1\nproperty list int int vertex_indices\n"
-    (tmp_path / "m.ply").write_text(f"{HEAD}{VERTEX}{strips}end_header\n0\n")
-    with pytest.raises(MeshError, match="triangle strips"):
-        load_mesh(tmp_path / "m.ply", "m")
+def strips(kind: str, *of_strips: list[int], index: str = "int") -> bytes:
+    """A square of four vertices with a colour each, and its strips."""
+    rows = [(0, 0, 0, 9), (1, 0, 0, 9), (0, 1, 0, 9), (1, 1, 0, 9)]
+    header = "\n".join(
+        [
+            *("ply", f"format {kind} 1.0", "element vertex 4", *(f"property float {axis}" for axis in "xyz")),
+            *("property uchar flag", f"element tristrips {len(of_strips)}"),
+            *(f"property list int {index} vertex_indices", "end_header", ""),
+        ]
+    )
+    if kind == "ascii":
+        lines = [*rows, *((len(strip), *strip) for strip in of_strips)]
+        return (header + "\n".join(" ".join(map(str, line)) for line in lines) + "\n").encode()
+    order = "<" if "little" in kind else ">"
+    vertices = np.array(rows, [("x", f"{order}f4"), ("y", f"{order}f4"), ("z", f"{order}f4"), ("flag", "u1")])
+    lists = [np.array([len(strip), *strip], f"{order}i4").tobytes() for strip in of_strips]
+    return header.encode() + vertices.tobytes() + b"".join(lists)
+
+
+KINDS = ["ascii", "binary_little_endian", "binary_big_endian"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_triangle_strips(tmp_path, kind):
+    (tmp_path / "m.ply").write_bytes(strips(kind, [0, 1, 2, 3, -1, 3, 1, 0], [0, 1, 1, 2, 3], [], [2]))
+    mesh = load_mesh(tmp_path / "m.ply", "m")
+    assert mesh.faces.tolist() == [[0, 1, 2], [2, 1, 3], [3, 1, 0], [1, 2, 3]]
+    assert mesh.vertices_m.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_triangle_strips_raise(tmp_path, kind):
+    whole = strips(kind, [0, 1, 2, 3])
+    face = b"element face 1\nproperty list uchar int vertex_indices\nend_header"
+    damaged = [whole[:-5], strips(kind, [0, 1, 4]), strips(kind, [0, 1]), whole.replace(b"end_header", face)]
+    damaged += [strips(kind, [0, 1, 2], index="word"), whole.replace(b"element tristrips 1", b"element tristrips 9")]
+    damaged += [strips("ascii", [0, 1, 10**20]), whole.replace(b"format", b"comment")]
+    for content in damaged:
+        (tmp_path / "m.ply").write_bytes(content)
+        with pytest.raises(MeshError, match=r"m\.ply"):
+            load_mesh(tmp_path / "m.ply", "m")

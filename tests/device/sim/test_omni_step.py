@@ -54,20 +54,6 @@ def hand(**fields: Any) -> Any:
     return row
 
 
-def coriolis_matrix(q: ArrayLike, dq: ArrayLike) -> NDArray[np.float64]:
-    """C (3, 3) [N·m·s/rad] from the Christoffel symbols of M, at joint speeds (3,) [rad/s]."""
-    _, q2, q3 = np.asarray(q, float)
-    w1, w2, w3 = np.asarray(dq, float)
-    *_, a2, a3, b2, c3 = slopes_at(float(q2), float(q3), turns_at(0.0, float(q2), float(q3)))
-    return np.array(
-        [
-            [0.5 * (a2 * w2 + a3 * w3), 0.5 * a2 * w1 + b2 * w2, 0.5 * a3 * w1],
-            [-0.5 * a2 * w1, 0.0, c3 * w3],
-            [-0.5 * a3 * w1, -c3 * w2, 0.0],
-        ]
-    )
-
-
 def potential_J(q: ArrayLike) -> float:
     """Potential energy of gravity and counterbalance [J], whose gradient is G."""
     _, q2, q3 = np.asarray(q, float)
@@ -312,21 +298,12 @@ def test_mass_matrix_is_positive_definite_as_far_as_a_joint_goes(q: NDArray[np.f
 
 
 @given(postures, speeds)
-def test_coriolis_makes_no_energy(q: NDArray[np.float64], dq: NDArray[np.float64]) -> None:
-    """Ṁ − 2C is skew, Ṁ by difference along the motion."""
-    step = 1e-6
-    rate = (mass_matrix(q + dq * step) - mass_matrix(q - dq * step)) / (2 * step)
-    N = rate - 2 * coriolis_matrix(q, dq)
-    assert pytest.approx(np.zeros((3, 3)), abs=1e-6) == N + N.T
-
-
-@given(postures, speeds)
 def test_coriolis_is_lagrange_s(q: NDArray[np.float64], dq: NDArray[np.float64]) -> None:
-    """C q̇ = Ṁ q̇ − ∂T/∂q, T the kinetic energy, by differences of T alone."""
+    """C q̇ = Ṁ q̇ − ∂T/∂q, T the kinetic energy, by differences of T alone; so it makes no energy."""
     step = 1e-6
     rate = (mass_matrix(q + dq * step) - mass_matrix(q - dq * step)) / (2 * step)
     slope = [dq @ (mass_matrix(q + e) - mass_matrix(q - e)) @ dq / (4 * step) for e in np.eye(3) * step]
-    assert coriolis_matrix(q, dq) @ dq == pytest.approx(rate @ dq - slope, abs=1e-6)
+    assert coriolis_at(slopes_at(q[1], q[2], turns_at(*q)), *dq) == pytest.approx(rate @ dq - slope, abs=1e-6)
 
 
 @given(postures, speeds)
@@ -335,12 +312,6 @@ def test_speeds_and_forces_go_through_the_jacobian(q: NDArray[np.float64], v: ND
     rows = tuple(map(tuple, J.tolist()))
     assert _times(rows, tuple(v)) == pytest.approx(J @ v, abs=1e-12)
     assert _transposed(rows, tuple(v)) == pytest.approx(J.T @ v, abs=1e-12)
-
-
-@given(postures, speeds)
-def test_coriolis_terms_of_loop_and_matrix_are_equal(q: NDArray[np.float64], dq: NDArray[np.float64]) -> None:
-    slopes = slopes_at(q[1], q[2], turns_at(*q))
-    assert coriolis_at(slopes, *dq) == pytest.approx(coriolis_matrix(q, dq) @ dq, abs=1e-12)
 
 
 @given(postures)

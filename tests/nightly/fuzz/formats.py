@@ -89,6 +89,25 @@ def ball(suffix: str, **options: Any) -> Callable[[], Files]:
     return make
 
 
+def strips(kind: str) -> Callable[[], Files]:
+    """The ball as a PLY file with one list of triangle strips, each of which is one triangle."""
+
+    def make() -> Files:
+        mesh = trimesh.creation.icosphere(subdivisions=1, radius=9.0)
+        corners = np.column_stack([mesh.faces, np.full(len(mesh.faces), -1)]).ravel()
+        header = (
+            f"ply\nformat {kind} 1.0\nelement vertex {len(mesh.vertices)}\nproperty float x\nproperty float y\n"
+            "property float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+        ).encode()
+        if kind == "ascii":
+            rows = [*mesh.vertices.tolist(), [len(corners), *corners.tolist()]]
+            return {"x.ply": header + "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()}
+        lists = np.array([len(corners), *corners], "<i4").tobytes()
+        return {"x.ply": header + mesh.vertices.astype("<f4").tobytes() + lists}
+
+    return make
+
+
 def obj() -> Files:
     text = ball("obj")()["x.obj"].replace(b"\nf ", b"\ng upper\nusemtl oak\nf ", 1)
     return {"x.obj": b"mtllib x.mtl\no ball\n" + text, "x.mtl": b"newmtl oak\nKd 0.8 0.5 0.2\n"}
@@ -386,6 +405,8 @@ FORMATS: Mapping[str, Format] = {
     "obj": Format(obj, read_mesh, left=lines(r"f +\S+ +\S+ +\S+")),
     "ply": Format(ball("ply"), read_mesh),
     "ply-text": Format(ball("ply", encoding="ascii"), read_mesh),
+    "ply-strips": Format(strips("binary_little_endian"), read_mesh),
+    "ply-strips-text": Format(strips("ascii"), read_mesh),
     "off": Format(ball("off"), read_mesh),
     "glb": Format(ball("glb"), read_mesh),
     "gltf": Format(gltf, read_mesh),
