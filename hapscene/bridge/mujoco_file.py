@@ -53,7 +53,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": made.tobytes()})
 
 
-def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[Any]]:
+def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[np.generic]]:
     """Compile a model to MuJoCo's binary format, in the separate process. File names in it are relative to its own
     folder."""
     import mujoco

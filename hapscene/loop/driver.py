@@ -160,7 +160,7 @@ def static_bodies(moving: NDArray[np.int64], X_WB: NDArray[np.float64], teleport
     return Bodies(records(0, FRAME), records(0, PREDICTED), moving, none, X_WB, teleported, teleported.reshape(1, -1))
 
 
-def wait_at(address: Any, kind: Any) -> None:
+def wait_at(address: int, kind: object) -> None:
     """Call `wait_for_tick`, as a function for `BoundCall` with a `Timer`."""
     wait_for_tick(loaded(address, kind))
 
@@ -173,7 +173,7 @@ class Exchange(NamedTuple):
     clock: NDArray[np.int64]
 
 
-def exchange(address: Any, kind: Any) -> None:
+def exchange(address: int, kind: object) -> None:
     """Remove the force of a device if the loop has stopped; a vendor's thread calls this between reading and writing.
 
     A function for `BoundCall` with an `Exchange`.
@@ -188,7 +188,7 @@ def _remove_stale_force(given: Exchange) -> None:
         state.f_D_N[0] = state.f_D_N[1] = state.f_D_N[2] = 0.0
 
 
-def drive_at(address: Any, kind: Any) -> None:
+def drive_at(address: int, kind: object) -> None:
     """Call `drive`, as a function for `BoundCall` with the argument that `bound` makes.
 
     The call goes through an address: inlined here, with a thousand values loaded at once, ticks are 5 % slower.

@@ -169,7 +169,7 @@ class Servo(ServoConnection):
         """
         if self._opened is None or not self.alive:
             return "ended"
-        if self._fault[0]:
+        if self._opened.fault[0]:
             return "error"
         if self._opened.channel[0].pause:
             return "paused"
@@ -181,8 +181,8 @@ class Servo(ServoConnection):
         Raises:
             HapsceneError: a device cannot be opened, or the process has ended.
         """
-        if self._fault is not None:
-            self._fault[:] = 0
+        if self._opened is not None:
+            self._opened.fault[:] = 0
         self._order("recover", self._choices)
 
     def home(self) -> None:
