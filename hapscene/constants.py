@@ -29,6 +29,7 @@ __all__ = [
     "STIFFNESS_N_M",
     "TICK_S",
     "TINY",
+    "UNITLESS",
 ]
 
 # --- files -----------------------------------------------------------------------------------------------
@@ -40,6 +41,9 @@ BUNDLE_SUFFIX: Final = ".scene.zip"
 """Suffix of bundles: scene, meshes and swatches in one file."""
 
 SCENE_SUFFIXES: Final = (SCENE_SUFFIX, BUNDLE_SUFFIX)
+
+UNITLESS: Final = ("stl", "obj", "ply", "off")
+"""Suffixes of mesh files that state neither a unit of length nor a vertical axis."""
 
 # --- rates -----------------------------------------------------------------------------------------------
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     class Record(np.record):  # type: ignore[misc]
         """One record with fields as attributes; of an `np.record`, mypy takes what was written for an array."""
 
+        flags: int  # type: ignore[assignment]
+
         def __setattr__(self, name: str, value: Any) -> None: ...
 
 else:

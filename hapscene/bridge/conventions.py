@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.bridge.packets import PacketError
 from hapscene.geometry import rotation_of
+from hapscene.io.files import Json
 
 __all__ = ["Convention"]
 
@@ -34,7 +35,7 @@ class Convention:
     metre: float
 
     @classmethod
-    def of(cls, hello: dict[str, Any]) -> "Convention":
+    def of(cls, hello: dict[str, Json]) -> "Convention":
         """The convention in the HELLO of a client: `up` y or z, `handed` right or left, `metres` per unit.
 
         Raises:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from hapscene.io.files import refusing
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import SwatchLike
+
+if TYPE_CHECKING:
+    import mujoco
 
 __all__ = ["MuJoCo", "load_mujoco"]
 
@@ -80,8 +83,8 @@ class MuJoCo(Bridge):
 
     def __init__(
         self,
-        model: Any,
-        data: Any,
+        model: "mujoco.MjModel",
+        data: "mujoco.MjData",
         swatches: Mapping[str, SwatchLike] | SwatchLike | None = None,
         *,
         visual: bool = False,
@@ -164,13 +167,15 @@ class MuJoCo(Bridge):
         return total_N
 
 
-def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
+def _scene(
+    model: "mujoco.MjModel", data: "mujoco.MjData", swatches: Mapping[str, SwatchLike], visual: bool
+) -> tuple[Scene, dict[str, int]]:
     """The scene of a model's geoms, and the indices of the bodies that can move."""
     import mujoco
 
     kinds = mujoco.mjtObj
 
-    def name_of(kind: Any, index: int, otherwise: str) -> str:
+    def name_of(kind: "mujoco.mjtObj", index: int, otherwise: str) -> str:
         return mujoco.mj_id2name(model, kind, index) or otherwise
 
     known, hidden = {"default"}, set[str]()

@@ -8,7 +8,7 @@ import importlib.util
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from hapscene.errors import FormatError, SceneError
 from hapscene.io.confined import confined
 from hapscene.io.files import refusing
+
+if TYPE_CHECKING:
+    import mujoco
 
 __all__ = ["check_installed", "load_model"]
 
@@ -30,7 +33,7 @@ COPIES_MAX: Final = 100_000
 """Maximum number of copies that nested <replicate> elements make [count]: MuJoCo compiles 2,500 per second."""
 
 
-def load_model(path: str | os.PathLike[str]) -> Any:
+def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     """Load a `mujoco.MjModel` from an MJCF or URDF file.
 
     Raises:
@@ -50,7 +53,7 @@ def load_model(path: str | os.PathLike[str]) -> Any:
     return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": made.tobytes()})
 
 
-def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[Any]]:
+def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[np.generic]]:
     """Compile a model to MuJoCo's binary format, in the separate process. File names in it are relative to its own
     folder."""
     import mujoco

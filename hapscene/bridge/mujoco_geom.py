@@ -2,13 +2,16 @@
 radius.
 """
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from trimesh.creation import box, capsule, cylinder, icosphere
 
 from hapscene.errors import SceneError
+
+if TYPE_CHECKING:
+    import mujoco
 
 __all__ = ["SAG", "geom_mesh"]
 
@@ -30,7 +33,7 @@ PLANE_RATIO: Final = 5.0
 """Half the width of an infinite plane, relative to the extent of the model [1]."""
 
 
-def geom_mesh(model: Any, geom: int) -> tuple[Array, NDArray[np.int64]] | None:
+def geom_mesh(model: "mujoco.MjModel", geom: int) -> tuple[Array, NDArray[np.int64]] | None:
     """Vertices (n, 3) [m] in the frame of the geom, and outward faces (m, 3); None for a type without a mesh."""
     import mujoco
 
@@ -59,7 +62,7 @@ def geom_mesh(model: Any, geom: int) -> tuple[Array, NDArray[np.int64]] | None:
     return np.asarray(made.vertices), np.asarray(made.faces)
 
 
-def _asset(model: Any, mesh: int) -> tuple[Array, NDArray[np.int64]]:
+def _asset(model: "mujoco.MjModel", mesh: int) -> tuple[Array, NDArray[np.int64]]:
     """A mesh asset, in the principal axes to which MuJoCo has transformed it."""
     vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
     return (
@@ -68,7 +71,7 @@ def _asset(model: Any, mesh: int) -> tuple[Array, NDArray[np.int64]]:
     )
 
 
-def _field(model: Any, field: int) -> tuple[Array, NDArray[np.int64]]:
+def _field(model: "mujoco.MjModel", field: int) -> tuple[Array, NDArray[np.int64]]:
     """A height field, closed by sides and a base."""
     rows, columns, first = (int(a[field]) for a in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
     if rows * columns > FIELD_MAX:

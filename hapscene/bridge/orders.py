@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Lock
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from hapscene.bridge.packets import VERSION, PacketError
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError, MeshError, SceneError, SwatchError, no_such
 from hapscene.geometry import numbers
+from hapscene.io.files import Json
 from hapscene.loop.servo import BODY_ROOM, Servo
 from hapscene.scene.mesh import Mesh
 
@@ -65,7 +66,7 @@ class Orders:
     def __exit__(self, *error: object) -> None:
         self._thread.shutdown(cancel_futures=True)
 
-    def submit(self, to: Convention, read: Callable[[], Any], encode: Callable[[dict[str, Any]], T]) -> "Future[T]":
+    def submit(self, to: Convention, read: Callable[[], Json], encode: Callable[[dict[str, Json]], T]) -> "Future[T]":
         """Queue an order of a client.
 
         Args:
@@ -75,7 +76,7 @@ class Orders:
         """
         return self._thread.submit(lambda: encode(self._run(to, read)))
 
-    def _run(self, to: Convention, read: Callable[[], Any]) -> dict[str, Any]:
+    def _run(self, to: Convention, read: Callable[[], Json]) -> dict[str, Json]:
         try:
             return self.carry_out(to, read())
         except PacketError as error:
@@ -85,7 +86,7 @@ class Orders:
             self.counts["failed"] += 1
             return {"error": "internal error of the server in this order"}
 
-    def carry_out(self, to: Convention, order: dict[str, Any]) -> dict[str, Any]:
+    def carry_out(self, to: Convention, order: dict[str, Json]) -> dict[str, Json]:
         """Execute an order immediately, and return the result; never raises for an invalid order."""
         self.counts["orders"] += 1
         given = dict(order)
@@ -105,7 +106,7 @@ class Orders:
         notes = [f"{note.message!s:.1000}" for note in noted if issubclass(note.category, UserWarning)]
         return result | ({"notes": notes} if notes else {})
 
-    def welcome(self) -> dict[str, Any]:
+    def welcome(self) -> dict[str, Json]:
         """The first message to a client."""
         return {
             "version": VERSION,
@@ -130,7 +131,7 @@ class Orders:
             given[number] = np.concatenate(self.servo.impulse(name))
         return given
 
-    def tool(self, number: Any) -> int:
+    def tool(self, number: Json) -> int:
         """The number of a tool that a client sent.
 
         Raises:
@@ -156,7 +157,7 @@ class Orders:
 
     # --- the orders; their arguments come from a client, and may be of any type
 
-    def _start(self, to: Convention, p: Any, grip: Any = DEFAULT_GRIP, tool: Any = 0) -> None:
+    def _start(self, to: Convention, p: Json, grip: Json = DEFAULT_GRIP, tool: Json = 0) -> None:
         number = self.tool(tool)
         with self.lock:
             given = self.servo.start(to.position(p), str(grip), tool=number if self.servo.tools > 1 else None)
@@ -169,13 +170,13 @@ class Orders:
     def _resume(self, to: Convention) -> None:
         self.servo.resume()
 
-    def _tune(self, to: Convention, swatch: Any, numbers: Any) -> None:
+    def _tune(self, to: Convention, swatch: Json, numbers: Json) -> None:
         self.servo.tune(str(swatch), **_floats(numbers))
 
-    def _tune_field(self, to: Convention, effect: Any, numbers: Any) -> None:
+    def _tune_field(self, to: Convention, effect: Json, numbers: Json) -> None:
         self.servo.tune_field(str(effect), **_floats(numbers))
 
-    def _free(self, to: Convention, body: Any, mass: Any, inertia: Any, com: Any = (0.0, 0.0, 0.0)) -> None:
+    def _free(self, to: Convention, body: Json, mass: Json, inertia: Json, com: Json = (0.0, 0.0, 0.0)) -> None:
         mass_kg, inertia_B = float(mass), to.inertia(numbers(inertia))
         with self.lock:
             self.servo.set_mass(str(body), mass_kg, inertia_B_kg_m2=inertia_B, com_B_m=to.position(com))
@@ -184,16 +185,16 @@ class Orders:
     def _add(
         self,
         to: Convention,
-        name: Any,
-        vertices: Any = None,
-        faces: Any = None,
-        like: Any = None,
-        swatch: Any = None,
-        p: Any = (0.0, 0.0, 0.0),
-        q: Any = (0.0, 0.0, 0.0, 1.0),
-        two_sided: Any = False,
-        clockwise: Any = False,
-    ) -> dict[str, Any]:
+        name: Json,
+        vertices: Json = None,
+        faces: Json = None,
+        like: Json = None,
+        swatch: Json = None,
+        p: Json = (0.0, 0.0, 0.0),
+        q: Json = (0.0, 0.0, 0.0, 1.0),
+        two_sided: Json = False,
+        clockwise: Json = False,
+    ) -> dict[str, Json]:
         if (like is None) == (vertices is None or faces is None):
             raise SceneError("expected either vertices and faces, or 'like', the name of a body with the same shape")
         if like is None:
@@ -209,7 +210,7 @@ class Orders:
         self.names = self.names | {number: body.name}
         return {"body": number}
 
-    def _remove(self, to: Convention, body: Any) -> None:
+    def _remove(self, to: Convention, body: Json) -> None:
         number = self._number(body)
         with self.lock:
             self.impulse_offset[number] = self.total(number)
@@ -217,7 +218,7 @@ class Orders:
             self.freed.discard(body)
         self.servo.remove(body)
 
-    def _paint(self, to: Convention, body: Any, swatch: Any, faces: Any = None) -> dict[str, Any]:
+    def _paint(self, to: Convention, body: Json, swatch: Json, faces: Json = None) -> dict[str, Json]:
         self._number(body)
         scene = self.servo.scene.copy()
         scene.bodies = [scene.bodies[number] for number in self.names]
@@ -225,25 +226,25 @@ class Orders:
         self.servo.repaint(scene)
         return {"faces": count}
 
-    def _deform(self, to: Convention, body: Any, vertices: Any) -> None:
+    def _deform(self, to: Convention, body: Json, vertices: Json) -> None:
         self._number(body)
         self.servo.deform(body, to.position(_rows(vertices, "<f4")))
 
-    def _bodies(self, to: Convention) -> dict[str, Any]:
+    def _bodies(self, to: Convention) -> dict[str, Json]:
         bodies = self.servo.scene.bodies
         return self.welcome() | {"faces": [len(body.mesh.faces) for body in bodies]}
 
-    def _counts(self, to: Convention) -> dict[str, Any]:
+    def _counts(self, to: Convention) -> dict[str, Json]:
         return {"counts": dict(self.counts)}
 
-    def _number(self, body: Any) -> int:
+    def _number(self, body: Json) -> int:
         found = next((number for number, name in self.names.items() if name == body), None)
         if found is None:
             raise SceneError(no_such("body", f"{body!s:.100}", self.names.values()))
         return found
 
 
-ORDERS: Final[dict[str, Callable[..., dict[str, Any] | None]]] = {
+ORDERS: Final[dict[str, Callable[..., dict[str, Json] | None]]] = {
     "start": Orders._start,
     "pause": Orders._pause,
     "resume": Orders._resume,
@@ -259,25 +260,25 @@ ORDERS: Final[dict[str, Callable[..., dict[str, Any] | None]]] = {
 }
 
 
-def _floats(given: Any) -> dict[str, float]:
+def _floats(given: Json) -> dict[str, float]:
     return {str(name): float(value) for name, value in given.items()}
 
 
-def _named(swatch: Any) -> str:
+def _named(swatch: Json) -> str:
     """Check the name of a swatch; clients cannot make the server read a file."""
     if not isinstance(swatch, str) or swatch.endswith(".swatch") or {"/", "\\", os.sep} & {*swatch}:
         raise SwatchError(f"swatch {swatch!r:.60}: expected the name of a swatch, not a file")
     return swatch
 
 
-def _rows(given: Any, packed: str) -> NDArray[np.float64]:
+def _rows(given: Json, packed: str) -> NDArray[np.float64]:
     """Numbers (n, 3), from lists, or from little-endian Base64, which is twenty times as fast."""
     if isinstance(given, str):
         given = np.frombuffer(b64decode(given, validate=True), packed).reshape(-1, 3)
     return numbers(given)
 
 
-def _face_indices(faces: Any) -> NDArray[np.int32]:
+def _face_indices(faces: Json) -> NDArray[np.int32]:
     """Vertex indices (m, 3) of faces."""
     read = _rows(faces, "<u4")
     whole = np.isfinite(read).all() and (read == np.floor(read)).all() and (np.abs(read) < 2**31).all()

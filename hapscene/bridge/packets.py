@@ -3,9 +3,10 @@
 import json
 import struct
 import zlib
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from hapscene.errors import FormatError
+from hapscene.io.files import Json
 
 __all__ = [
     "ANSWER",
@@ -152,11 +153,11 @@ def unpack(data: bytes) -> Packet:
     return Packet(kind, key, sequence, data[start:])
 
 
-def pack_json(content: dict[str, Any]) -> bytes:
+def pack_json(content: dict[str, Json]) -> bytes:
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode()
 
 
-def unpack_json(payload: bytes | str) -> dict[str, Any]:
+def unpack_json(payload: bytes | str) -> dict[str, Json]:
     """Decode a JSON object.
 
     Raises:

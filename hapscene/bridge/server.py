@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from hapscene.bridge.packets import (
     STATE,
     VERSION,
     WELCOME,
+    BodyFrame,
     Event,
     Frame,
     Packet,
@@ -40,6 +41,7 @@ from hapscene.bridge.packets import (
     unpack_json,
 )
 from hapscene.errors import HapsceneError
+from hapscene.io.files import Json
 from hapscene.render.contact_info import Impulse
 from hapscene.wall_clock import CLOCK, Clock
 
@@ -76,7 +78,7 @@ class _Session:
     """State of a connected client."""
 
     key: int
-    nonce: Any
+    nonce: Json
     address: Hashable
     tool: int
     frame: Convention
@@ -289,7 +291,7 @@ class BridgeServer:
                     self.counts["bad"] += 1
         return pack(Packet(STATE, session.key, packet.sequence, pack_state(self._state(session, frame))))
 
-    def _move(self, session: _Session, body: Any) -> None:
+    def _move(self, session: _Session, body: BodyFrame) -> None:
         name = self.orders.names.get(body.body)
         if name is None:
             self.counts["removed"] += 1
@@ -297,7 +299,7 @@ class BridgeServer:
         frame, applied = session.frame, np.array(body.applied)
         before = (self.orders.impulse_offset - session.base)[body.body]
         moving = {}
-        if body.v is not None:
+        if body.v is not None and body.w is not None:
             moving = {"v_W_m_s": frame.position(body.v), "w_W_rad_s": frame.angular(body.w)}
         try:
             self.servo.move(
@@ -372,7 +374,7 @@ class BridgeServer:
         session.last_order = packet.sequence
         session.answers[packet.sequence] = None
 
-        def encode(result: dict[str, Any]) -> bytes:
+        def encode(result: dict[str, Json]) -> bytes:
             if result.get("done") == "bodies":
                 session.known[:] = len(result["bodies"]), len(result["swatches"])
             answer = session.answers[packet.sequence] = _pack_answer(session.key, packet.sequence, result)
@@ -380,7 +382,7 @@ class BridgeServer:
                 del session.answers[min(session.answers)]
             return answer
 
-        def read() -> dict[str, Any]:
+        def read() -> dict[str, Json]:
             order = unpack_json(packet.payload)
             return {"tool": session.tool} | order if order.get("order") == "start" else order
 
@@ -394,7 +396,7 @@ def _add_event(session: _Session, event: Event) -> None:
     session.events.append(event)
 
 
-def _pack_answer(key: int, sequence: int, result: dict[str, Any]) -> bytes:
+def _pack_answer(key: int, sequence: int, result: dict[str, Json]) -> bytes:
     try:
         return pack(Packet(ANSWER, key, sequence, pack_json(result)))
     except PacketError:

@@ -7,11 +7,12 @@ accepted; programs other than browsers send no Origin.
 import json
 import re
 from concurrent.futures import CancelledError, Future
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from hapscene.bridge.conventions import Convention
 from hapscene.bridge.packets import VERSION, PacketError, unpack_json
 from hapscene.bridge.server import Answer, BridgeServer
+from hapscene.io.files import Json
 from hapscene.web.listener import WebListener
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class WebSocketBridge:
         except (CancelledError, RuntimeError):  # the server is closing
             pass
 
-    def _welcome_client(self, message: str) -> tuple[Convention | None, dict[str, Any]]:
+    def _welcome_client(self, message: str) -> tuple[Convention | None, dict[str, Json]]:
         """The convention of a client, None if it is invalid, and the answer."""
         try:
             hello = unpack_json(message)
@@ -113,9 +114,9 @@ class WebSocketBridge:
             return None, {"error": str(error)}
 
     def _order(self, to: Convention, message: str) -> "Future[str]":
-        number: Any = None
+        number: Json = None
 
-        def read() -> dict[str, Any]:  # runs in the thread of the orders, so that only one long message is parsed
+        def read() -> dict[str, Json]:  # runs in the thread of the orders, so that only one long message is parsed
             nonlocal number
             order = unpack_json(message)
             identifier = order.pop("id", None)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from hapscene.cli.console import format_size, print_progress
 from hapscene.cli.options import MeshOptions, ReadOptions
 from hapscene.cli.paths import SCENES, check_there, missing
+from hapscene.constants import UNITLESS
 from hapscene.errors import MeshError, SceneError
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ __all__ = ["check_scene", "find_asset", "load_input", "loading", "print_size_adv
 
 _Options = TypeVar("_Options", bound=ReadOptions)
 
-UNITLESS: Final = ("stl", "obj", "ply", "off")  # as in scene.mesh_file, which is slow to import
 UNITS: Final = ("m", "cm", "mm", "um", "in", "ft")  # as in scene.mesh
 
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 from cyclopts import Parameter
 
 from hapscene.cli.console import print_progress
-from hapscene.cli.inputs import UNITLESS, check_scene, find_asset, print_size_advice
+from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
 from hapscene.cli.options import Grip, Help, MeshOptions, PageOptions, TipRadius
-from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX
+from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX, UNITLESS
 from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def _open_page(
     ends: ExitStack,
 ) -> "Page":
     """Serve the page of a scene until `ends` is closed. The browser fetches the page while the scene is loaded."""
-    is_file = scene is not None and Path(scene).suffix.lower().lstrip(".") in UNITLESS  # assets and scenes are upright
+    is_file = scene is not None and Path(scene).suffix.lower()[1:] in UNITLESS  # assets and scenes are upright
     if scene is not None and (scene != "demo" or Path(scene).exists()):
         scene, mesh = find_asset(scene, mesh)
     else:

@@ -42,7 +42,7 @@ class BoundCall:
         context: argument of the C function.
     """
 
-    def __init__(self, function: Callable[[Any, Any], None], argument: tuple[Any, ...]) -> None:
+    def __init__(self, function: Callable[[Any, Any], None], argument: tuple[object, ...]) -> None:
         """Bind an argument to `function(address, kind)`, a Python function that gets it with `loaded`."""
         self._argument = argument
         if INTERPRETED:
@@ -91,7 +91,7 @@ def _stored(typing: Context, address: types.Type, value: types.Type) -> tuple[Si
 
 
 @native
-def _store(address: int, value: Any) -> None:
+def _store(address: int, value: object) -> None:
     """Store an argument for `loaded`."""
     _stored(np.uintp(address), value)
 

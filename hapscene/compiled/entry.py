@@ -29,11 +29,11 @@ _intrinsic: Any = intrinsic
 _tuple: Any = types.Tuple  # numba's stubs type neither
 _unpack: Any = cgutils.unpack_tuple
 
-_compiled: Final[dict[tuple[Any, ...], CFunction]] = {}
-_interpreted: Final[list[Callable[..., Any]]] = []
+_compiled: Final[dict[tuple[object, ...], CFunction]] = {}
+_interpreted: Final[list[Callable[..., int]]] = []
 
 
-def address_of(function: Callable[..., Any], *arguments: Any) -> int:
+def address_of(function: Callable[..., int], *arguments: object) -> int:
     """Return the address with which `call_flags` calls a function that returns an int, compiled for these types."""
     if INTERPRETED:
         if function not in _interpreted:
@@ -42,19 +42,19 @@ def address_of(function: Callable[..., Any], *arguments: Any) -> int:
     return _entry(function, arguments).address
 
 
-def call_entry(function: Callable[..., Any], *arguments: Any) -> int:
+def call_entry(function: Callable[..., int], *arguments: object) -> int:
     """Call a function from Python, with the same machine code that `call_flags` uses."""
     if INTERPRETED:
         return int(function(*arguments))
     return int(_entry(function, arguments)(*arguments))
 
 
-def entry_of(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+def entry_of(function: Callable[..., object], *arguments: object) -> Callable[..., Any]:
     """Return a function compiled for the types of the arguments. It accepts exactly these types and checks nothing."""
     return function if INTERPRETED else _entry(function, arguments)
 
 
-def _entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> CFunction:
+def _entry(function: Callable[..., object], arguments: tuple[object, ...]) -> CFunction:
     """Return the function compiled for the types of the arguments, once per process."""
     kinds = tuple(map(_typeof, arguments))
     key = (function, *kinds)
@@ -65,7 +65,7 @@ def _entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> CFunctio
 
 if INTERPRETED:
 
-    def call_flags(address: int, arguments: tuple[Any, ...]) -> int:
+    def call_flags(address: int, arguments: tuple[object, ...]) -> int:
         """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
         return int(_interpreted[address - 1](*arguments))
 

@@ -25,7 +25,7 @@ _OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
 INTERPRETED: Final = bool(vars(config)["DISABLE_JIT"])
 """True under NUMBA_DISABLE_JIT=1."""
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., object])
 
 _njit: Any = njit  # numba's stubs type the options by name, not as a dictionary
 _Record: Any = types.Record
@@ -45,7 +45,7 @@ class Native:
         inline: whether LLVM must inline it into its callers.
     """
 
-    def __init__(self, function: Callable[..., Any], inline: bool = False) -> None:
+    def __init__(self, function: Callable[..., object], inline: bool = False) -> None:
         self.py_func: Any = function
         self.inline = inline
         functools.update_wrapper(self, function)
@@ -77,13 +77,13 @@ class Native:
         """Dispatcher of numba that Python calls."""
         return _cached(_njit(**_OPTIONS, **whole_options)(self.py_func))
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> Any:
         return self.whole(*arguments)
 
     def __repr__(self) -> str:
         return f"<native {self.py_func.__qualname__}>"
 
-    def compile(self, *arguments: Any) -> Any:
+    def compile(self, *arguments: object) -> Any:
         """Compile for the types of the arguments.
 
         The `entry_point` of the result is the fastest way to call the function: it accepts exactly these types and
@@ -112,7 +112,7 @@ def inlined(function: Function) -> Function:
 
 
 @contextmanager
-def compiling(*functions: Callable[..., Any]) -> Iterator[None]:
+def compiling(*functions: Callable[..., object]) -> Iterator[None]:
     """Report what is compiled in this context as one run: these functions, unless they are cached, and any other."""
     expected: dict[int, object] = {}
     for function in () if INTERPRETED else functions:
@@ -131,7 +131,7 @@ class CFunction:
         address: address of the C function, valid as long as this object exists.
     """
 
-    def __init__(self, signature: Signature, function: Callable[..., Any], uses_carray: bool = False) -> None:
+    def __init__(self, signature: Signature, function: Callable[..., object], uses_carray: bool = False) -> None:
         """Compile the Python function `function` for one signature.
 
         `uses_carray` is for functions that make arrays of C pointers.
@@ -148,7 +148,7 @@ class CFunction:
         name = self._result.fndesc.llvm_cfunc_wrapper_name
         self.address = int(self._result.library.get_pointer_to_function(name))
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> Any:
         """Call the function from Python. Arguments must have exactly the types of its signature; nothing is checked."""
         return self._call(*arguments)
 

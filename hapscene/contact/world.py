@@ -18,7 +18,7 @@ from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.face_tree import build_tree
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
-from hapscene.records import Owning, Records, pack_small_arrays, records
+from hapscene.records import Owning, Record, Records, pack_small_arrays, records
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -294,7 +294,7 @@ class Forest:
         self.tree, self.tree_face = np.concatenate(nodes), np.concatenate(faces)
 
 
-_shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
+_shapes: "WeakValueDictionary[tuple[object, ...], Shapes]" = WeakValueDictionary()
 
 
 def shapes_of(bodies: "Sequence[Body]", crease_rad: float, skin_m: float | None = None) -> Shapes:
@@ -352,7 +352,7 @@ def _fill_bodies(
     bodies: "Sequence[Body]",
     shapes: Shapes | None,
     first: tuple[int, int],
-    known: Mapping[int, Any] = MappingProxyType({}),
+    known: Mapping[int, Record] = MappingProxyType({}),
 ) -> None:
     """Fill the records of bodies and their bounding balls (b, 4).
 
@@ -386,7 +386,7 @@ def _fill_trees(
     bodies: "Sequence[Body]",
     forest: Forest,
     first: tuple[int, int],
-    known: Mapping[int, Any] = MappingProxyType({}),
+    known: Mapping[int, Record] = MappingProxyType({}),
 ) -> None:
     """Fill the fields of the trees in the records of bodies; arguments as in `_fill_bodies`."""
     for row, body in zip(rows, bodies, strict=True):
@@ -428,7 +428,7 @@ class Extension:
                     f"body {body.name!r} ({size_m:.3g} m) is too {'large' if large else 'small'} to be added to a "
                     "running scene: its size must be similar to that of the other bodies; add it before the start"
                 )
-        self._rows: dict[int, Any] = {}
+        self._rows: dict[int, Record] = {}
         for row, body in zip(world.bodies, known, strict=True):
             if row.face_count == 0 and row.radius_m > 0.0:
                 self._rows.setdefault(id(body.mesh), row)
@@ -502,7 +502,7 @@ def _size_of(mesh: "Mesh") -> float:
     return float(np.linalg.norm([np.ptp(column) for column in mesh.vertices_m.T]))
 
 
-def _owning_records(count: int, dtype: np.dtype[Any], owned: Any) -> Any:
+def _owning_records(count: int, dtype: np.dtype[np.void], owned: object) -> Any:
     """Return `records` that keep `owned` alive as long as a view of them exists."""
     memory = Owning(count * dtype.itemsize)
     memory.owned = owned

@@ -11,7 +11,7 @@ import statistics
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from hapscene.constants import TICK_S
 from hapscene.device.driver import DEVICE_STATE, Connection, Driver, Found, OptionValue
 from hapscene.device.emulator import FAULTS, Emulator
 from hapscene.errors import DeviceError
+from hapscene.records import Record
 from hapscene.wall_clock import CLOCK, Clock
 
 __all__ = ["check_driver"]
@@ -169,7 +170,7 @@ class Session:
         return emulator
 
 
-def _check_state(state: Any, driver: Driver) -> None:
+def _check_state(state: Record, driver: Driver) -> None:
     if not np.isfinite(state.p_DT_m).all():
         raise Failed(f"position {state.p_DT_m.tolist()}, expected finite numbers")
     R = np.asarray(state.R_DT)

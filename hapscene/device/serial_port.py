@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import INTERPRETED, native
 from hapscene.device.driver import Found
 from hapscene.errors import DeviceError
-from hapscene.records import records
+from hapscene.records import Record, records
 from hapscene.wall_clock import CLOCK, Clock
 
 try:
@@ -98,7 +98,7 @@ GONE_EVENTS: Final = 0x38
 class SerialLine(NamedTuple):
     """An open serial port for compiled code. Its functions never wait."""
 
-    state: Any  # LINE
+    state: Record  # LINE
     input: NDArray[np.uint8]  # (256,) received bytes, which the driver removes
     output: NDArray[np.uint8]  # (64,) bytes that the port has not accepted yet; they precede the next message
     poll: NDArray[np.int32]  # (2,) a `struct pollfd`
@@ -234,13 +234,6 @@ class SerialPort:
         """All bytes that have arrived, possibly none. Does not wait."""
         try:
             return bytes(self._serial.read(max(1, self._serial.in_waiting)))  # reading 1 byte detects a disconnection
-        except GONE as error:
-            raise self._gone(error) from None
-
-    def discard_input(self) -> None:
-        """Discard all bytes that have arrived: those from before a pause, or after a lost synchronisation."""
-        try:
-            self._serial.reset_input_buffer()
         except GONE as error:
             raise self._gone(error) from None
 

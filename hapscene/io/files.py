@@ -7,9 +7,8 @@ import re
 import secrets
 import shutil
 import stat
-import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -61,16 +60,14 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     part = _temporary(path)
-    lock = None
     try:
-        lock = _make(part, path, lambda: os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)))
         with _errors_name(path, part):
+            os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
             yield part
         part.chmod(_mode(path))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-        _close(lock)
 
 
 def check_file(path: Path, error: type[Exception]) -> None:
@@ -111,11 +108,10 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
         raise NotADirectoryError(20, "it is a file; expected a folder or a new name", str(path))
     made = [parent for parent in path.parents if not parent.exists()]
     part = _temporary(path)
-    lock = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        lock = _make(part, path, lambda: part.mkdir(0o700))
         with _errors_name(path, part):
+            part.mkdir(0o700)
             yield part
         if path.exists():
             for name in ours:
@@ -130,15 +126,14 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
             part.replace(path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-        _close(lock)
         if not path.exists():
             with suppress(OSError):  # another process has written there meanwhile
                 for parent in made:
                     parent.rmdir()
 
 
-# Temporary files have hidden names with a random part and are locked by their writer. Temporary files of processes that
-# were killed are not locked; the next process that writes into the folder removes them.
+# Temporary files have hidden names with a random part. Those of processes that were killed are removed by the next
+# process that writes into the folder, once they are old.
 
 
 _TEMPORARY: Final = re.compile(r"\..*\.hapscene-[0-9a-f]{16}(\.[^.]*)?", re.DOTALL)
@@ -147,30 +142,13 @@ _NAME_KEPT: Final = 40
 """Length of the original name in a temporary name [characters]: file names are limited to 255 bytes."""
 
 _LEFT_S: Final = 24 * 3600.0
-"""Age after which a temporary file is removed where files cannot be locked [s]."""
+"""Age after which a temporary file is removed [s]: no process writes for so long without a pause."""
 
 
 def _temporary(path: Path) -> Path:
     """Return an unused temporary name in the same folder; remove old temporary files there."""
     _tidy(path.parent.absolute())
     return path.parent / f".{path.name[:_NAME_KEPT]}.hapscene-{secrets.token_hex(8)}{path.suffix}"
-
-
-def _make(part: Path, path: Path, make: Callable[[], object]) -> int | None:
-    """Create the temporary file or folder with `make` and lock it; return the lock, or None if locking is impossible.
-
-    Raises:
-        OSError: creation failed; it names `path`.
-    """
-    try:
-        while True:
-            make()
-            lock = _open_locked(part)
-            if part.exists():
-                return lock
-            _close(lock)  # another process removed it before it was locked
-    except OSError as error:
-        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from None
 
 
 @contextmanager
@@ -188,55 +166,23 @@ def _errors_name(path: Path, part: Path) -> Iterator[None]:
         raise OSError(error.errno, f"cannot be written: {why}", str(path)) from None
 
 
-def _open_locked(part: Path, wait: bool = True) -> int | None:
-    """Lock a file; return its descriptor, or None where locking is impossible.
-
-    Raises:
-        BlockingIOError: another process holds the lock, and `wait` is False.
-    """
-    if sys.platform == "win32":  # open files cannot be renamed on Windows
-        return None
-    import fcntl
-
-    number = None
-    try:
-        number = os.open(part, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-        fcntl.flock(number, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return number
-    except BlockingIOError:
-        _close(number)
-        raise
-    except OSError:
-        _close(number)
-        return None
-
-
-def _close(lock: int | None) -> None:
-    if lock is not None:
-        os.close(lock)
-
-
 @cache
 def _tidy(folder: Path) -> None:
     """Remove temporary files of ended processes from a folder, once per process."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if _TEMPORARY.fullmatch(entry.name):
-                with suppress(OSError):  # still being written, or owned by another user
+                with suppress(OSError):  # owned by another user
                     _remove_left(Path(entry.path), entry.stat(follow_symlinks=False))
 
 
 def _remove_left(part: Path, state: os.stat_result) -> None:
-    lock = _open_locked(part, wait=False)
-    try:
-        if lock is None and time.time() - state.st_mtime < _LEFT_S:
-            return
-        if stat.S_ISDIR(state.st_mode):
-            shutil.rmtree(part)
-        else:
-            part.unlink()
-    finally:
-        _close(lock)
+    if time.time() - state.st_mtime < _LEFT_S:
+        return
+    if stat.S_ISDIR(state.st_mode):
+        shutil.rmtree(part)
+    else:
+        part.unlink()
 
 
 def _mode(path: Path) -> int:

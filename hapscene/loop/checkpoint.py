@@ -1,12 +1,13 @@
 """Checkpoints: the state of a tick as bytes, copied periodically by the loop, and restored for a replay."""
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
+from hapscene.records import Record
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
@@ -20,7 +21,7 @@ CHECKPOINT_TICKS: Final = 10_000
 
 def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ...]:
     """Return byte views of all arrays that a tick reads and changes."""
-    arrays: list[Any] = [world.bodies, world.ball_W_m, world.near, world.moved, world.proxy, world.ball]
+    arrays: list[NDArray[np.generic]] = [world.bodies, world.ball_W_m, world.near, world.moved, world.proxy, world.ball]
     arrays += [surface.states, surface.muted, surface.touch, surface.memory]
     return tuple(np.atleast_1d(array).view(np.ndarray).reshape(-1).view(np.uint8) for array in arrays)
 
@@ -54,7 +55,13 @@ def restore_checkpoint(world: "World", surface: "Surface", memory: NDArray[np.ui
 
 
 @native
-def write_checkpoint(channel: Any, parts: Any, checkpoints: Any, ticks: NDArray[np.int64], length: int) -> None:
+def write_checkpoint(
+    channel: Record,
+    parts: tuple[NDArray[np.uint8], ...],
+    checkpoints: NDArray[np.uint8],
+    ticks: NDArray[np.int64],
+    length: int,
+) -> None:
     """Write a checkpoint before the next tick if one is due: at least four for `length` ticks of the ring buffers."""
     if channel.done < channel.checkpoint_due:
         return

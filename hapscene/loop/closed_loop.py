@@ -13,7 +13,7 @@ both are linear, and the encoders measure the sum.
 """
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from hapscene.device.safety import protect
 from hapscene.device.sim.arm import (
     CONNECTED,
     SIMULATED_OMNI,
+    Arm,
     advance_arm,
     drive_arm,
     find_tip,
@@ -34,19 +35,27 @@ from hapscene.device.sim.hand import pull
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
-from hapscene.render.tick import tick_at
+from hapscene.records import Record, Records
+from hapscene.render.tick import Moved, tick_at
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
 
 __all__ = ["DELAY_MAX", "Tool", "take_grip", "tick_tool"]
 
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
 
+Notes: TypeAlias = tuple[Record, NDArray[np.float64], Record, NDArray[np.float64]]
+"""Records that a tick fills: see `tick_tool`."""
+
 
 class Tool(NamedTuple):
     """One tool of a closed loop: device, hand, handle, delayed forces and safety."""
 
-    arm: Any  # device and hand
-    handle: Any  # (1,) HANDLE
+    arm: Arm  # device and hand
+    handle: Records  # (1,) HANDLE
     has_handle: int  # 1 with a handle
     axis_W: NDArray[np.float64]  # (3,) unit vector along the handle
     shift_m: NDArray[np.float64]  # (1,) displacement of the handle by its actuator
@@ -54,11 +63,11 @@ class Tool(NamedTuple):
     wait_N: NDArray[np.float64]  # (DELAY_MAX, 3) ring buffer of delayed forces
     ticks: NDArray[np.int64]  # (1,) ticks so far
     delay: int
-    safety: Any  # (1,) SAFETY
+    safety: Records  # (1,) SAFETY
 
 
 @inlined
-def tick_tool(world: Any, surface: Any, tool: Any, moved: Any, notes: Any) -> None:
+def tick_tool(world: "World", surface: "Surface", tool: Tool, moved: Moved, notes: Notes) -> None:
     """Compute one tick of the closed loop; the target of the hand is already set.
 
     Args:
@@ -85,7 +94,7 @@ def tick_tool(world: Any, surface: Any, tool: Any, moved: Any, notes: Any) -> No
 
 
 @inlined
-def _read(tool: Any) -> Vector:
+def _read(tool: Tool) -> Vector:
     """Return the position that the encoders measure, in W [m]: tip of the arm plus displacement of the handle."""
     x, y, z = read_arm(tool.arm)
     shift, axis = tool.shift_m[0], tool.axis_W
@@ -95,7 +104,7 @@ def _read(tool: Any) -> Vector:
 
 
 @inlined
-def _protect(tool: Any, row: Any, touch: Any) -> Vector:
+def _protect(tool: Tool, row: Record, touch: Record) -> Vector:
     """Return the force that may be sent to the device, in W [N]."""
     f, safety, arm = row.f_W_N, tool.safety[0], tool.arm
     if safety.on == 0:
@@ -110,7 +119,7 @@ def _protect(tool: Any, row: Any, touch: Any) -> Vector:
 
 
 @inlined
-def _advance_handle(tool: Any, desired_m_s2: float, loop_row: Any) -> float:
+def _advance_handle(tool: Tool, desired_m_s2: float, loop_row: Record) -> float:
     """Compute one sample of the handle. Without a handle, the acceleration is as desired and nothing moves."""
     if tool.has_handle == 0:
         return desired_m_s2
@@ -121,7 +130,7 @@ def _advance_handle(tool: Any, desired_m_s2: float, loop_row: Any) -> float:
 
 
 @native
-def take_grip(tool: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
+def take_grip(tool: Tool, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
     """Change the grip on the tool and on the handle from now on."""
     hand = tool.arm.hand[0]
     if tool.has_handle == 1 and (tool.ticks[0] == 0 or hand.k_N_m != k_N_m or hand.b_Ns_m != b_Ns_m):
@@ -130,7 +139,7 @@ def take_grip(tool: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
 
 
 @inlined
-def _send(tool: Any, f_N: Vector, loop_row: Any) -> None:
+def _send(tool: Tool, f_N: Vector, loop_row: Record) -> None:
     """Put a force into the delay line, and send the one that leaves it to the device."""
     k = tool.ticks[0]
     enter, leave = k % DELAY_MAX, (k - tool.delay) % DELAY_MAX
@@ -143,7 +152,7 @@ def _send(tool: Any, f_N: Vector, loop_row: Any) -> None:
 
 
 @inlined
-def _note(arm: Any, loop_row: Any) -> None:
+def _note(arm: Arm, loop_row: Record) -> None:
     """Record the true state at the start of the tick."""
     p, v = find_tip(arm), find_tip_velocity(arm)
     for i in range(3):
@@ -152,7 +161,7 @@ def _note(arm: Any, loop_row: Any) -> None:
 
 
 @inlined
-def _record_work(tool: Any, loop_row: Any) -> None:
+def _record_work(tool: Tool, loop_row: Record) -> None:
     """Record the work of the motors at the tip. Exact for a point mass: the motor force is constant over the tick."""
     arm = tool.arm
     p = find_tip(arm)

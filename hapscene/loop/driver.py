@@ -29,10 +29,12 @@ from hapscene.device.sim.arm import CONNECTED
 from hapscene.loop.checkpoint import memory_of, write_checkpoint
 from hapscene.loop.closed_loop import Tool, take_grip, tick_tool
 from hapscene.loop.timing import BIN_COUNT, TIMING, Timer, count_in_bin, wait_for_tick
-from hapscene.records import records
+from hapscene.records import Record, Records, records
 
 if TYPE_CHECKING:
+    from hapscene.contact.world import World
     from hapscene.render.renderer import Renderer
+    from hapscene.surface.surface_arrays import Surface
 
 __all__ = [
     "AIM",
@@ -98,8 +100,8 @@ hand does not. The delay of 17 ms is half the noticeable delay between vision an
 class Bodies(NamedTuple):
     """The moving bodies of the scene: b bodies, t tools."""
 
-    frames: Any  # (b,) FRAME, written by the application
-    predicted: Any  # (b,) PREDICTED
+    frames: Records  # (b,) FRAME, written by the application
+    predicted: Records  # (b,) PREDICTED
     moving: NDArray[np.int64]  # (b,) indices of the bodies that move, as many as `CHANNEL.moving_count`
     given: NDArray[np.float64]  # (b, 6) impulse of all tools on each body
     X_WB: NDArray[np.float64]  # (1, b, 4, 4) poses, or (n, b, 4, 4) for each tick
@@ -110,26 +112,26 @@ class Bodies(NamedTuple):
 class Loop(NamedTuple):
     """Everything that a tick of t tools acts on."""
 
-    worlds: Any  # (t,) `hapscene.contact.world.World`
-    surfaces: Any  # (t,) `hapscene.surface.surface_arrays.Surface`
+    worlds: "tuple[World, ...]"  # (t,)
+    surfaces: "tuple[Surface, ...]"  # (t,)
     tools: tuple[Tool, ...]  # (t,)
     bodies: Bodies
     timer: Timer  # with the channel
-    reference: Any  # target [m], grip and push [N], (n, 3) each; if the pace is FREE
-    aims: Any  # (t,) AIM; otherwise
+    reference: tuple[NDArray[np.float64], ...]  # target [m], grip and push [N], (n, 3) each; if the pace is FREE
+    aims: Records  # (t,) AIM; otherwise
     hands: NDArray[np.float64]  # (t, 5, 3) target, filtered target, its velocity, grip and push of each tool
-    rows: Any  # (t, length) ROW
-    loop_rows: Any  # (t, length) LOOP_ROW
+    rows: Records  # (t, length) ROW
+    loop_rows: Records  # (t, length) LOOP_ROW
     a_m_s2: NDArray[np.float64]  # (t, length, block) desired acceleration
     a_handle_m_s2: NDArray[np.float64]  # (t, length, block) of the handle
-    memory: Any  # state of the ticks of all tools, a tuple of byte arrays
-    checkpoints: Any  # (CHECKPOINT_COUNT, room) bytes
+    memory: tuple[NDArray[np.uint8], ...]  # state of the ticks of all tools
+    checkpoints: NDArray[np.uint8]  # (CHECKPOINT_COUNT, room) bytes
     checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,)
     drivers: NDArray[np.uintp]  # (d, 4) read function and its argument, write function and its argument; if TIMED
 
 
 def new_loop(
-    renderers: "list[Renderer]", tools: list[Tool], channel: Any, clock: NDArray[np.int64], **parts: Any
+    renderers: "list[Renderer]", tools: list[Tool], channel: Record, clock: NDArray[np.int64], **parts: Any
 ) -> Loop:
     """Make a loop of renderers and their tools; `parts` are further fields, empty if omitted."""
     tick_ns = round(float(renderers[0].surface.touch[0].tick_s) * 1e9)
@@ -158,7 +160,7 @@ def static_bodies(moving: NDArray[np.int64], X_WB: NDArray[np.float64], teleport
     return Bodies(records(0, FRAME), records(0, PREDICTED), moving, none, X_WB, teleported, teleported.reshape(1, -1))
 
 
-def wait_at(address: Any, kind: Any) -> None:
+def wait_at(address: int, kind: object) -> None:
     """Call `wait_for_tick`, as a function for `BoundCall` with a `Timer`."""
     wait_for_tick(loaded(address, kind))
 
@@ -166,12 +168,12 @@ def wait_at(address: Any, kind: Any) -> None:
 class Exchange(NamedTuple):
     """Argument of `exchange`."""
 
-    channel: Any  # CHANNEL
-    state: Any  # DEVICE_STATE
+    channel: Record  # CHANNEL
+    state: Record  # DEVICE_STATE
     clock: NDArray[np.int64]
 
 
-def exchange(address: Any, kind: Any) -> None:
+def exchange(address: int, kind: object) -> None:
     """Remove the force of a device if the loop has stopped; a vendor's thread calls this between reading and writing.
 
     A function for `BoundCall` with an `Exchange`.
@@ -186,7 +188,7 @@ def _remove_stale_force(given: Exchange) -> None:
         state.f_D_N[0] = state.f_D_N[1] = state.f_D_N[2] = 0.0
 
 
-def drive_at(address: Any, kind: Any) -> None:
+def drive_at(address: int, kind: object) -> None:
     """Call `drive`, as a function for `BoundCall` with the argument that `bound` makes.
 
     The call goes through an address: inlined here, with a thousand values loaded at once, ticks are 5 % slower.
@@ -272,7 +274,7 @@ def _tick_tools(loop: Loop) -> None:
 
 
 @native
-def _note_buttons(state: Any, tick: int, now: int) -> None:
+def _note_buttons(state: Record, tick: int, now: int) -> None:
     """Log a change of the buttons; the count is written last, because the application reads both."""
     count, log = state.button_count, state.button_log
     if state.buttons != (log[(count - 1) % BUTTON_ROOM, 2] if count > 0 else 0):
@@ -282,7 +284,14 @@ def _note_buttons(state: Any, tick: int, now: int) -> None:
 
 
 @inlined
-def _set_reference(tool: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
+def _set_reference(
+    tool: Tool,
+    target: NDArray[np.float64],
+    grip: NDArray[np.float64],
+    push: NDArray[np.float64],
+    k: int,
+    tick_s: float,
+) -> None:
     """Set the target, grip and push of tick `k` of a reference trajectory; the target moves linearly to the next."""
     hand = tool.arm.hand[0]
     after = min(k + 1, len(target) - 1)
@@ -294,7 +303,9 @@ def _set_reference(tool: Any, target: Any, grip: Any, push: Any, k: int, tick_s:
 
 
 @native
-def _predict(worlds: Any, bodies: Bodies, count: int, now: int, clock: NDArray[np.int64], tick_s: float) -> None:
+def _predict(
+    worlds: "tuple[World, ...]", bodies: Bodies, count: int, now: int, clock: NDArray[np.int64], tick_s: float
+) -> None:
     """Predict the poses of the bodies that the application moves, under the impulses of all tools."""
     for m in range(count):
         index = bodies.moving[m]
@@ -312,7 +323,7 @@ def _predict(worlds: Any, bodies: Bodies, count: int, now: int, clock: NDArray[n
 
 
 @inlined
-def _read_aim(shared: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
+def _read_aim(shared: Record, hand: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
     """Read the target that the application wrote, unless it is being written.
 
     The two calls of the clock keep the compiler and the processor from moving the reads of the count (sequence lock).
@@ -332,7 +343,7 @@ def _read_aim(shared: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) 
 
 
 @inlined
-def _follow(tool: Any, aim: NDArray[np.float64], tick_s: float) -> None:
+def _follow(tool: Tool, aim: NDArray[np.float64], tick_s: float) -> None:
     """Filter the target of the hand: critically damped, exact for a constant target over the tick."""
     take_grip(tool, aim[3, 0], aim[3, 1], aim[3, 2])
     hand = tool.arm.hand[0]

@@ -2,7 +2,6 @@
 
 import threading
 import weakref
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from hapscene.loop.timing import (
     start_timer,
     wait_for_tick,
 )
-from hapscene.records import records
+from hapscene.records import Records, records
 
 __all__ = ["EmptyLoop", "loop_empty", "run_empty"]
 
@@ -43,7 +42,7 @@ class EmptyLoop:
         self._end()
 
 
-def _end(channel: Any, thread: threading.Thread) -> None:
+def _end(channel: Records, thread: threading.Thread) -> None:
     channel.pause = 1
     thread.join()
 

@@ -27,7 +27,7 @@ from hapscene.loop.servo_state import STOPS, ButtonEvent, Mode, ServoState, Tick
 from hapscene.loop.session_log import SessionLog, log_of, note_order
 from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
-from hapscene.records import block_of
+from hapscene.records import Record, block_of
 from hapscene.render.contact_info import Contact, ContactEvent, Impulse, events_of
 from hapscene.render.moving_bodies import warn_of_refused
 from hapscene.render.renderer import OTHER_BODIES, warn_of_far
@@ -81,7 +81,7 @@ class Servo(ServoConnection):
 
     Raises:
         HapsceneError: on entry, if `Twin` rejects an argument or shared memory is too small; in every later call, if
-            the process has ended.
+            the process has ended or the tool does not exist.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class Servo(ServoConnection):
         """
         if self._opened is None or not self.alive:
             return "ended"
-        if self._fault[0]:
+        if self._opened.fault[0]:
             return "error"
         if self._opened.channel[0].pause:
             return "paused"
@@ -181,8 +181,8 @@ class Servo(ServoConnection):
         Raises:
             HapsceneError: a device cannot be opened, or the process has ended.
         """
-        if self._fault is not None:
-            self._fault[:] = 0
+        if self._opened is not None:
+            self._opened.fault[:] = 0
         self._order("recover", self._choices)
 
     def home(self) -> None:
@@ -198,28 +198,21 @@ class Servo(ServoConnection):
         """Message of a real device that needs attention; empty without one.
 
         Raises:
-            HapsceneError: the process has ended.
             DeviceError: a device failed.
         """
         return read_text(self._channel.notice)
 
-    def device_state(self, *, tool: int = 0) -> Any:
+    def device_state(self, *, tool: int = 0) -> Record:
         """Return a copy of the last state (DEVICE_STATE,) of a real device.
 
         It has readiness, buttons, temperature, orientation, velocity and gripper, as far as the device has them, in the
         device frame.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
         """
-        return self._channel.states[self._number(tool)].copy()
+        state: Record = self._channel.states[self._number(tool)].copy()
+        return state
 
     def tool_pose(self, *, tool: int = 0) -> NDArray[np.float64]:
-        """Return the pose (4, 4) of a real device's tool in W; z is along the handle, towards the hand.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
-        """
+        """Return the pose (4, 4) of a real device's tool in W; z is along the handle, towards the hand."""
         X_WT, X_WD = np.eye(4), self._arguments.get("X_WD")
         R_WD = np.eye(3) if X_WD is None else numbers(X_WD)[:3, :3]
         X_WT[:3, :3], X_WT[:3, 3] = R_WD @ self.device_state(tool=tool).R_DT, self.state(tool=tool).p_WT_m
@@ -229,18 +222,11 @@ class Servo(ServoConnection):
         """Return the events of the buttons of a device from change `since` on, and the number from which to continue.
 
         The last 63 changes are available.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
         """
         return button_events_of(self.device_state(tool=tool), since)
 
     def on_button(self, call: Callable[[ButtonEvent], object], *, tool: int = 0) -> None:
-        """Call a function for each button event from now on, in a separate thread, within about 10 ms.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
-        """
+        """Call a function for each button event from now on, in a separate thread, within about 10 ms."""
         _, since = self.button_events(tool=tool)
 
         def watch(since: int) -> None:
@@ -277,11 +263,7 @@ class Servo(ServoConnection):
         return given
 
     def withdraw(self, *, tool: int) -> None:
-        """Let a tool touch nothing until its next `start`; its force ends.
-
-        Raises:
-            HapsceneError: the tool does not exist, or the process has ended.
-        """
+        """Let a tool touch nothing until its next `start`; its force ends."""
         self._order("withdraw", self._number(tool))
 
     @property
@@ -359,7 +341,6 @@ class Servo(ServoConnection):
 
         Raises:
             SceneError: the body is unknown, the pose is not (4, 4), or a velocity is not three finite numbers.
-            HapsceneError: the process has ended.
         """
         index = self._index(body)
         if np.shape(X_WB) != (4, 4):
@@ -423,7 +404,6 @@ class Servo(ServoConnection):
 
         Raises:
             SceneError: the servo has no such body.
-            HapsceneError: the process has ended.
         """
         index, shared = self._index(body), self._channel
         given = shared.impulse[:, index]
@@ -437,9 +417,6 @@ class Servo(ServoConnection):
         """Return contact events from tick `since` on, and the tick from which to continue.
 
         Events are available for the last `ring_s` seconds.
-
-        Raises:
-            HapsceneError: the process has ended.
         """
         log = self.read(max(_tick_number(since) - 1, 0), tool=tool)  # including the tick before, to detect changes
         swatch_names = [swatch.name for swatch in self.scene.swatches]
@@ -516,7 +493,15 @@ class Servo(ServoConnection):
         body: Body = self._in_turn(lambda: self._add(mesh, name, unit, swatch, pose, two_sided))
         return body
 
-    def _add(self, mesh: Any, name: str | None, unit: str | None, swatch: Any, pose: Any, two_sided: bool) -> Body:
+    def _add(
+        self,
+        mesh: Mesh | str | os.PathLike[str],
+        name: str | None,
+        unit: str | None,
+        swatch: SwatchLike | None,
+        pose: ArrayLike | None,
+        two_sided: bool,
+    ) -> Body:
         if len(self.scene.bodies) == self._room:
             raise HapsceneError(f"{BODY_ROOM:,} bodies were added to this servo, which is its limit; start a new servo")
         swatches, sources = list(self.scene.swatches), list(self.scene.swatch_source)
@@ -578,11 +563,7 @@ class Servo(ServoConnection):
         return state
 
     def contact(self, *, tool: int = 0) -> Contact | None:
-        """Return the contact of the newest tick of a tool, for a simulation of a soft body; None without contact.
-
-        Raises:
-            HapsceneError: the process has ended, or the tool does not exist.
-        """
+        """Return the contact of the newest tick of a tool, for a simulation of a soft body; None without contact."""
         row, count, _ = self._newest(tool)
         if count == 0 or not state_of(bytearray(row), 0, 0.0).touching:
             return None
@@ -599,18 +580,12 @@ class Servo(ServoConnection):
             if done.item() < count + self._length - 1:
                 return row, count, at_ns
 
-    def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
+    def read(self, since: int = 0, *, tool: int = 0) -> TickLog:
         """Return the ticks of a tool from tick `since` on, or from the oldest in the ring buffer on.
 
-        Args:
-            since: number of the first tick.
-            tool: number of the tool.
-            after_end: whether to read the last ticks of a process that has ended.
-
-        Raises:
-            HapsceneError: the process has ended and `after_end` is False, or the servo is closed.
+        `session_log` has the last ticks of a process that has ended.
         """
-        shared = self._opened if after_end and self._opened is not None else self._channel
+        shared = self._channel
         done = int(shared.channel[0].done)
         first = max(_tick_number(since), done - self._length, 0)
         slots = np.arange(first, max(done, first)) % self._length
@@ -630,11 +605,7 @@ class Servo(ServoConnection):
         return log_of(self._opened, self.scene, self._renderer_arguments, self._tuned, reason)
 
     def timing(self) -> TimingStatistics:
-        """Return the timing statistics since the start of the process.
-
-        Raises:
-            HapsceneError: the process has ended.
-        """
+        """Return the timing statistics since the start of the process."""
         channel = self._channel.channel[0]
         return TimingStatistics(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 

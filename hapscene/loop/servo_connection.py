@@ -9,10 +9,14 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.connection import Connection as Pipe
+from multiprocessing.context import SpawnContext
+from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.clock import now_here_ns
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
@@ -70,18 +74,17 @@ class ServoConnection:
         self._length, self._block, self._room, self._tools = shape
         self.a_rate_Hz, self._patience_s, self._progress = a_rate_Hz, patience_s, progress
         # views of the shared memory, which must be released before it
-        self._aim: Any = None
-        self._ticks: Any = None
+        self._aim: list[tuple[NDArray[np.float64], NDArray[np.int64]]] = []
+        self._ticks: tuple[NDArray[Any], ...] = ()
         self._frames: Any = None
-        self._fault: Any = None
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
-        self._watchdog: Any = None
-        self._life: Any = None
+        self._watchdog: BaseProcess | None = None
+        self._life: Pipe | None = None
         self._played: LiveHandle | None = None
         self._heartbeat: Heartbeat | None = None
-        self._asked: Any = None  # counts calls of the application, see `Heartbeat`
+        self._asked = np.zeros(1, np.int64)  # counts calls of the application, see `Heartbeat`
         self._now_ns = now_here_ns  # the clock of the loop
         self._wire: Any = None
         self._shared = False  # both processes have opened the memory, which no other process can
@@ -147,7 +150,7 @@ class ServoConnection:
             stage = self._answer(START_S - waited_s)
         return stage
 
-    def _start_watchdog(self, context: Any, life: Any) -> None:
+    def _start_watchdog(self, context: SpawnContext, life: Pipe) -> None:
         """Start the process that removes the force if the servo dies or stops ticking."""
         from hapscene.loop.watchdog import watch
 
@@ -185,7 +188,6 @@ class ServoConnection:
         numbers = (channel[name] for name in ("done", "done_ns"))
         self._ticks = shared.rows.view(np.ndarray), *numbers
         self._frames = shared.frames.view(np.ndarray)
-        self._fault = shared.fault
 
     def __exit__(self, *error: object) -> None:
         self.close()
@@ -222,7 +224,7 @@ class ServoConnection:
                 self._watchdog.kill()
         if self._heartbeat is not None:
             self._heartbeat.stop()
-        self._aim = self._ticks = self._frames = self._fault = None
+        self._aim, self._ticks, self._frames = [], (), None
         self._opened.close(unlink=not self._shared)
         self._opened = None
 
@@ -236,8 +238,8 @@ class ServoConnection:
         if not self._process.is_alive():
             raise HapsceneError(self._ended())
         self._asked[0] += 1
-        if self._fault[0]:
-            raise DeviceError(read_text(self._fault))
+        if self._opened.fault[0]:
+            raise DeviceError(read_text(self._opened.fault))
         return self._opened
 
     @property
@@ -264,7 +266,7 @@ class ServoConnection:
         self._send(ForkingPickler.dumps((order, arguments)))
         return self._answer(BUILD_S if order in ("add", "repaint", "deform") else ANSWER_S)
 
-    def _send(self, pickled: Any) -> None:
+    def _send(self, pickled: memoryview) -> None:
         try:
             self._wire.send_bytes(pickled)
         except (OSError, ValueError):
@@ -287,7 +289,7 @@ class ServoConnection:
         self._process.join(1.0)
         ended = f"the process of the servo has ended (exit code {self._process.exitcode})"
         if self._watchdog is not None and self._process.exitcode == -9:
-            fault = read_text(self._fault) if self._fault is not None else ""
+            fault = "" if self._opened is None else read_text(self._opened.fault)
             why = "it was killed, or its watchdog ended it because it stopped ticking; is the computer overloaded?"
             ended += f": {fault or why}"
         return f"{ended}; start a new servo"

@@ -29,7 +29,7 @@ from hapscene.compiled.bound_call import BoundCall
 from hapscene.contact.prediction import PREDICTED
 from hapscene.device.driver import DRIVER_FIELDS, Connection, VendorConnection, new_state
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
-from hapscene.device.model import limits_of
+from hapscene.device.model import DeviceLike, limits_of
 from hapscene.device.safety import begin_safety, resume_safety, safety_of, simulated_safety
 from hapscene.device.sim.arm import new_arm, read_arm
 from hapscene.errors import DeviceError, HapsceneError, UsageWarning
@@ -52,7 +52,7 @@ from hapscene.loop.driver import (
 from hapscene.loop.session_log import log_of, note_order, settings_of, write_log
 from hapscene.loop.shared_memory import Channel, open_channel, write_text
 from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer
-from hapscene.records import records
+from hapscene.records import Records, records
 from hapscene.render.renderer import Renderer
 from hapscene.render.tick import use_fading, use_moving_bodies
 from hapscene.scene.body import Body
@@ -109,13 +109,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
         wire.send((None, "compiled code, which the first run makes"))
         handler = OrderHandler(made["scene"], twins, channel, folder, settings)
         wire.send((None, handler.made))
-        while True:
-            while opened and not wire.poll(WATCH_S):
-                handler.check_devices(watched=os.name == "nt" or not ready_among([life], 0.0))
-            order, arguments = _receive(wire)
-            if order == "stop":
-                break
-            wire.send(handler.answer(order, arguments))
+        _answer_orders(wire, life, handler)
     except (EOFError, ConnectionError, KeyboardInterrupt) as error:
         # the application has ended; where signals cannot be blocked, Ctrl-C reaches both processes
         ending, interrupted = "the application has ended", isinstance(error, KeyboardInterrupt)
@@ -145,7 +139,18 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             channel.close(unlink=False)
 
 
-def _end(signum: int, frame: Any) -> None:
+def _answer_orders(wire: Pipe, life: Pipe, handler: "OrderHandler") -> None:
+    """Answer the orders of the application until "stop", and meanwhile check the devices for errors."""
+    while True:
+        while handler.connections and not wire.poll(WATCH_S):
+            handler.check_devices(watched=os.name == "nt" or not ready_among([life], 0.0))
+        order, arguments = _receive(wire)
+        if order == "stop":
+            return
+        wire.send(handler.answer(order, arguments))
+
+
+def _end(signum: int, frame: object) -> None:
     signal.signal(signum, signal.SIG_IGN)  # a second signal would interrupt the closing of the devices
     raise KeyboardInterrupt
 
@@ -160,7 +165,7 @@ def open_twins(made: dict[str, Any], opened: list[Connection]) -> "list[Twin]":
     return twins
 
 
-def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin":
+def _twin(device: "DeviceLike | DeviceChoice", opened: list[Connection], made: dict[str, Any]) -> "Twin":
     """Make the twin of one device; a real device is opened and appended to `opened`."""
     from hapscene.loop import Twin
 
@@ -184,7 +189,7 @@ def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin"
     return twin
 
 
-def _share(connection: Connection, state: Any) -> None:
+def _share(connection: Connection, state: Records) -> None:
     """Move the state of a connection to other memory, (1,) DEVICE_STATE; the log of the buttons there is continued."""
     for name in DRIVER_FIELDS:
         state[name] = connection.state[name]
@@ -248,16 +253,7 @@ class OrderHandler:
             teleported=np.zeros(count, np.int64),
             jumps=np.zeros((len(twins), count), np.int64),
         )
-        for twin, impulse in zip(self._twins, channel.impulse, strict=True):
-            twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # in shared memory
-            # so that no body that moves later interrupts the loop
-            use_moving_bodies(twin.renderer.world, twin.renderer.surface)
-        for twin, state in zip(self._twins, channel.states, strict=True):
-            if isinstance(twin.device, Connection):
-                _share(twin.device, state.reshape(1).view(np.recarray))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UsageWarning)  # the first start has another position
-                twin.reset((0.0, 0.0, 0.0))
+        self._share_twins()
         self._vendors = [device for device in self.connections if isinstance(device, VendorConnection)]
         channel.channel.pause = 1
         if self._renderers[0].fidelity is not None:  # a log does not contain it
@@ -273,6 +269,18 @@ class OrderHandler:
         if self.connections and not self._clock[VIRTUAL]:
             gc.freeze()  # keeps existing objects out of garbage collections, which would delay devices
             sys.setswitchinterval(SWITCH_S)
+
+    def _share_twins(self) -> None:
+        """Move what the application reads of the twins to the shared memory, and reset them there."""
+        for twin, impulse, state in zip(self._twins, self._channel.impulse, self._channel.states, strict=True):
+            twin.renderer.world = twin.renderer.world._replace(impulse=impulse)
+            # so that no body that moves later interrupts the loop
+            use_moving_bodies(twin.renderer.world, twin.renderer.surface)
+            if isinstance(twin.device, Connection):
+                _share(twin.device, state.reshape(1).view(np.recarray))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UsageWarning)  # the first start has another position
+                twin.reset((0.0, 0.0, 0.0))
 
     @property
     def _renderers(self) -> list[Renderer]:

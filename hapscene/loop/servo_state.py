@@ -1,14 +1,14 @@
 """What a servo reports: the state of its newest tick, and a log of ticks."""
 
 import math
-from typing import Any, Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.device.driver import BUTTON_ROOM
 from hapscene.flags import Flag, flag_of
-from hapscene.records import ROW
+from hapscene.records import ROW, Record, Records
 
 __all__ = ["STOPS", "ButtonEvent", "Mode", "ServoState", "TickLog", "button_events_of", "state_of"]
 
@@ -100,7 +100,7 @@ class ButtonEvent(NamedTuple):
     pressed: bool
 
 
-def button_events_of(state: Any, since: int) -> tuple[list[ButtonEvent], int]:
+def button_events_of(state: Record, since: int) -> tuple[list[ButtonEvent], int]:
     """Return the events from change `since` on in the log of a DEVICE_STATE, and the number of all changes."""
     count = int(state.button_count)
     first, found = max(since, count - BUTTON_ROOM + 1, 0), []
@@ -127,7 +127,7 @@ class TickLog(NamedTuple):
     """
 
     first: int
-    rows: Any
+    rows: Records
     a_m_s2: NDArray[np.float64]
     a_handle_m_s2: NDArray[np.float64]
 

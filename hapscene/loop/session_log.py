@@ -280,7 +280,7 @@ REASON_MAX: Final = 500
 """Longest reason that is read from a log of an untrusted source [bytes]."""
 
 
-def _replay_in_process(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
+def _replay_in_process(file: BinaryIO, folder: str) -> Mapping[str, NDArray[np.generic]]:
     """Replay a log in the separate process."""
     try:
         replay = SessionLog.load(folder).replay()
@@ -313,7 +313,7 @@ def log_of(
     done = int(row.done)
     first = max(done - length, 0)
     slots = np.arange(first, done) % length
-    taken = [ring[:, slots] for ring in (channel.rows, channel.loop_rows, channel.a_m_s2)]
+    taken: list[Any] = [ring[:, slots] for ring in (channel.rows, channel.loop_rows, channel.a_m_s2)]
     over = max(int(row.done) + 1 - length - first, 0)  # ticks that the servo has overwritten meanwhile
     rows, loop_rows, a_m_s2 = (part[:, over:].copy() for part in taken)
     first += over

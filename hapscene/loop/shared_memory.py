@@ -21,7 +21,7 @@ from hapscene.device.driver import DEVICE_STATE
 from hapscene.errors import HapsceneError
 from hapscene.loop.driver import AIM, CHANNEL
 from hapscene.loop.result import LOOP_ROW
-from hapscene.records import ROW
+from hapscene.records import ROW, Records
 
 __all__ = ["Channel", "open_channel", "read_text", "write_text"]
 
@@ -51,18 +51,18 @@ def read_text(room: NDArray[np.uint8]) -> str:
 class Channel:
     """The shared memory and views of its fields. The ring buffers hold `length` ticks."""
 
-    channel: Any  # (1,) CHANNEL
-    aims: Any  # (tools,) AIM, written by the application
-    rows: Any  # (tools, length) ROW
-    loop_rows: Any  # (tools, length) LOOP_ROW
+    channel: Records  # (1,) CHANNEL
+    aims: Records  # (tools,) AIM, written by the application
+    rows: Records  # (tools, length) ROW
+    loop_rows: Records  # (tools, length) LOOP_ROW
     a_m_s2: NDArray[np.float64]  # (tools, length, block) desired acceleration
     a_handle_m_s2: NDArray[np.float64]  # (tools, length, block) acceleration of the handle
-    frames: Any  # (bodies,) FRAME, written by the application
+    frames: Records  # (bodies,) FRAME, written by the application
     moving: NDArray[np.int64]  # (bodies,) indices of moving bodies, written by the application
     impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, written by the servo
     checkpoints: NDArray[np.uint8]  # (CHECKPOINT_COUNT, room) state of ticks, tool after tool
     checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,) tick of each checkpoint; −1: incomplete
-    states: Any  # (tools,) DEVICE_STATE of real devices
+    states: Records  # (tools,) DEVICE_STATE of real devices
     fault: NDArray[np.uint8]  # (TEXT_MAX,) why a device failed; empty without a fault
     notice: NDArray[np.uint8]  # (TEXT_MAX,) other messages of devices
     memory: SharedMemory  # last field, so that it is released after the views

@@ -5,13 +5,14 @@ import math
 import os
 import sys
 from contextlib import suppress
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns, sleep_ns
 from hapscene.compiled.native import INTERPRETED, native
+from hapscene.records import Record
 
 __all__ = [
     "BIN_COUNT",
@@ -37,7 +38,7 @@ BIN_COUNT: Final = 24 * BINS_PER_OCTAVE + 1
 
 
 @native
-def count_in_bin(histogram: Any, span_ns: int) -> None:
+def count_in_bin(histogram: NDArray[np.int64], span_ns: int) -> None:
     """Count a time in its bin."""
     at = 1 + int(BINS_PER_OCTAVE * math.log2(span_ns / BIN_NS)) if span_ns > BIN_NS else 0
     histogram[min(at, BIN_COUNT - 1)] += 1
@@ -107,9 +108,9 @@ TIMING: Final = np.dtype(
 class Timer(NamedTuple):
     """What a loop needs to wait for its ticks."""
 
-    channel: Any  # CHANNEL: histogram of delays, count of skipped ticks
+    channel: Record  # CHANNEL: histogram of delays, count of skipped ticks
     clock: NDArray[np.int64]  # of `new_clock`
-    timing: Any  # TIMING
+    timing: Record  # TIMING
     tick_ns: int
 
 

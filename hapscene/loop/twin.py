@@ -1,7 +1,7 @@
 """The simulated twin of a haptic device: scene, device and hand in one closed loop."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,10 +21,10 @@ from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_record import HANDLE, new_handle
 from hapscene.handle.plant import Plant
 from hapscene.loop.closed_loop import DELAY_MAX, Tool
-from hapscene.loop.driver import CHANNEL, drive, new_loop, static_bodies
+from hapscene.loop.driver import CHANNEL, Loop, drive, new_loop, static_bodies
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.result import LOOP_ROW, ClosedLoopResult
-from hapscene.records import ROW, records
+from hapscene.records import ROW, Records, records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
 
@@ -101,7 +101,7 @@ class Twin:
         self._delay = delay_ticks
         self.safety: Any = None
         self.tool: Any = None
-        self._drive: Any = None  # the compiled driver, once it has run
+        self._drive: Callable[[Loop], object] | None = None  # the compiled driver, once it has run
 
     def __repr__(self) -> str:
         handle = "no handle" if self.handle is None else f"a handle driven by {self.compensator!r}"
@@ -206,14 +206,13 @@ class Run:
             a_m_s2=self._a_m_s2[None],
             a_handle_m_s2=self._a_handle_m_s2[None],
         )
-        if twin._drive is None:
-            twin._drive = entry_of(drive, loop)
+        self._drive = twin._drive = twin._drive or entry_of(drive, loop)
         self._loop = loop
 
     def advance(self, count: int) -> None:
         """Run the next `count` ticks."""
         self._channel.until += count
-        self._twin._drive(self._loop)
+        self._drive(self._loop)
         self._twin.renderer.warn_if_inside()
 
     def result(self) -> ClosedLoopResult:
@@ -243,5 +242,5 @@ def _quantum_m(device: PointMass | Omni | Connection) -> float:
     return device.quantum_m if isinstance(device, PointMass) else device.resolution_m
 
 
-def _column(rows: Any, name: str) -> NDArray[np.float64]:
+def _column(rows: Records, name: str) -> NDArray[np.float64]:
     return np.ascontiguousarray(rows[name])

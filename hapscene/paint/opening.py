@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene import assets
+from hapscene.constants import UNITLESS
 from hapscene.paint.model.session import Session
-from hapscene.scene.mesh_file import UNITLESS
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, unpacked_beside
 from hapscene.scene.scene_file import SUFFIX
@@ -43,7 +43,7 @@ def open_session(
     """
 
     def opened(path: str) -> Scene:
-        own = {} if not more or Path(path).suffix.lower().lstrip(".") in UNITLESS else {"unit": None}
+        own = {} if not more or Path(path).suffix.lower()[1:] in UNITLESS else {"unit": None}
         return open_scene(path, say=say, **(reading | own))
 
     if name is None:

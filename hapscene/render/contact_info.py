@@ -3,14 +3,14 @@
 import math
 from collections.abc import Sequence
 from struct import Struct
-from typing import Any, Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError
 from hapscene.geometry import numbers
-from hapscene.records import ROW
+from hapscene.records import ROW, Records
 
 __all__ = ["Contact", "ContactEvent", "Impulse", "events_of"]
 
@@ -180,7 +180,7 @@ class ContactEvent(NamedTuple):
 
 
 def events_of(
-    rows: Any, first: int, since: int, body_names: Sequence[str], swatch_names: Sequence[str]
+    rows: Records, first: int, since: int, body_names: Sequence[str], swatch_names: Sequence[str]
 ) -> list[ContactEvent]:
     """Return the events from tick `since` on in rows (n,) ROW, of which the first is tick number `first`.
 

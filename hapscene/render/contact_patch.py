@@ -6,7 +6,7 @@ a = √(r d) (Hertz 1882), and zero outside. Each vertex gets the integral of th
 is linear on each face. A correction keeps the moment exactly, as in the RBE3 element of Nastran.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ CUTS_MAX: Final = 16
 
 
 def spread_force(
-    vertices_m: Array, faces: NDArray[Any], face: int, *, p_m: Array, f_N: Array, radius_m: float
+    vertices_m: Array, faces: NDArray[np.integer], face: int, *, p_m: Array, f_N: Array, radius_m: float
 ) -> Array:
     """Distribute a force `f_N` (3,) at `p_m` (3,) on `face` over vertices (N, 3); returns their forces (N, 3) [N].
 
@@ -50,7 +50,7 @@ def spread_force(
     return force
 
 
-def _pressure(vertices_m: Array, faces: NDArray[Any], p_m: Array, out: Array, radius_m: float) -> Array:
+def _pressure(vertices_m: Array, faces: NDArray[np.integer], p_m: Array, out: Array, radius_m: float) -> Array:
     """Return the integral (N,) of pressure times shape function of each vertex, over the faces on the same side."""
     away = vertices_m - p_m
     beyond = (away > radius_m) @ (1, 2, 4) + (away < -radius_m) @ (8, 16, 32)  # sides of the cube around the patch

@@ -4,7 +4,7 @@ Kinematics in one place keep the effects consistent: penetration depth and its r
 proxy touches, approach speed, touched swatch, and normal force.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
 from hapscene.contact.triangle import barycentric, to_body, to_body_last, to_world, turn_to_world
 from hapscene.geometry import Vector, along, dot, norm, sub
+from hapscene.records import Record
 from hapscene.surface.blending import paint_at, take_paint
 
 if TYPE_CHECKING:
@@ -170,7 +171,7 @@ def _slip(body: np.record, memory: np.record, p_WP: Vector, p_WC: Vector, n: Vec
 
 
 @native
-def _press(touch: Any, smoothing: float, v_rel: Vector, was_depth: float) -> None:
+def _press(touch: Record, smoothing: float, v_rel: Vector, was_depth: float) -> None:
     """Write the depth rate within a contact, or the approach speed if one begins, and low-pass the normal force."""
     n = touch.nhat_W
     if touch.began == 1:
@@ -214,7 +215,7 @@ def _clear_contact(touch: np.record) -> None:
 
 
 @native
-def _vector(values: Any) -> Vector:
+def _vector(values: NDArray[np.float64]) -> Vector:
     return values[0], values[1], values[2]
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hapscene.errors import FormatError
 from hapscene.io.files import check_memory, refusing, whole_file
 from hapscene.io.number_files import Npz, open_npz
+from hapscene.records import Records
 
 __all__ = ["FORMAT_VERSION", "Recording", "RecordingError", "load_touch", "save_touch"]
 
@@ -163,9 +164,9 @@ class Recording:
             np.savez(file, format_version=FORMAT_VERSION, a_rate_Hz=self.a_rate_Hz, seed=self.seed, **arrays)
 
     @classmethod
-    def of_rows(cls, rows: Any, a_m_s2: NDArray[np.float64], t_s: NDArray[np.float64], **more: Any) -> "Recording":
+    def of_rows(cls, rows: Records, a_m_s2: NDArray[np.float64], t_s: NDArray[np.float64], **more: Any) -> "Recording":
         """Make a recording of rows (n,) ROW, samples (n, block) and times (n,); `more` are the other fields."""
-        found = {name: rows[name] for name in _COLUMNS if name in rows.dtype.names}
+        found = {name: rows[name] for name in _COLUMNS if name in (rows.dtype.names or ())}
         columns: dict[str, Any] = {
             name: np.ascontiguousarray(values, _COLUMNS[name][0]) for name, values in found.items()
         }
@@ -240,7 +241,7 @@ def save_touch(recording: Recording, path: str | Path) -> None:
     recording.save(path)
 
 
-def _split(name: str, values: NDArray[Any]) -> dict[str, list[Any]]:
+def _split(name: str, values: NDArray[np.generic]) -> dict[str, list[Any]]:
     """Return the columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
     if values.ndim == 1:
         return {name: values.tolist()}
@@ -283,7 +284,7 @@ def _read(archive: Npz) -> dict[str, Any]:
     return values
 
 
-def _array(archive: Npz, name: str, kinds: str, dimension_count: int) -> NDArray[Any]:
+def _array(archive: Npz, name: str, kinds: str, dimension_count: int) -> NDArray[np.generic]:
     """Return one array of the archive after a check of its type and dimensions."""
     shape, dtype = archive.header(name)
     if dtype.kind not in kinds or len(shape) != dimension_count:

@@ -1,7 +1,7 @@
 """The renderer: computes the force and acceleration of each haptic tick for a scene and a device position."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -157,18 +157,9 @@ class Renderer:
         self.a_rate_Hz = float(a_rate_Hz)
         self.block = block_of(self.tick_s, self.a_rate_Hz)
         self.seed = seed
-        if isinstance(effects, str):
-            raise EffectError(f"effects must be a list of names, not the text {effects!r}: write [{effects!r}]")
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise HapsceneError(f"seed must be an integer of at least 0, is {seed!r}")
         if device is not None and limits is not None:
             raise HapsceneError(f"both limits and device {device!r} are given: give one, since a device has limits")
-        if not 0.0 <= crease_rad <= np.pi:
-            raise HapsceneError(f"crease_rad must be from 0 to π, is {crease_rad}")
-        if not 0.0 <= tip_radius_m <= TIP_RADIUS_MAX_M:
-            raise HapsceneError(
-                f"tip_radius_m must be from 0 to {TIP_RADIUS_MAX_M} m, is {tip_radius_m} (is it in mm?)"
-            )
+        _check_arguments(effects, seed, crease_rad, tip_radius_m)
         self.tip_radius_m = float(tip_radius_m)
         self.limits = limits_of(device, self.tick_s) if device is not None else limits or IDEAL
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
@@ -189,21 +180,25 @@ class Renderer:
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
         self._p_WT = np.zeros((1, 3))
-        with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
-            rendered = self._at_fidelity(scene)
-            self.world = build_world(rendered.bodies, crease_rad, self.tip_radius_m)
-            self._fit, self.surface, messages = self._build_surface(rendered)
-            use_tick(self.world, self.surface, self._row, self._samples)
-            self._play = _compile_run(self.world, self.surface, self._row, self._samples)
-        _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
-        _warn_of_overlap(scene, self.world)
-        self._warn_of_idle_effects(scene)
+        self._compile(scene)
         self._row_bytes = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
         # views, because a look-up by name takes a microsecond
         self._out = row["f_W_N"][0], row["flags"], row["touching"]
         self._started = self._first = False
         self._ticks = 0
+
+    def _compile(self, scene: "Scene") -> None:
+        """Build the arrays of the tick and compile it; warn of what the device and the bodies do not allow."""
+        with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
+            rendered = self._at_fidelity(scene)
+            self.world = build_world(rendered.bodies, self._crease_rad, self.tip_radius_m)
+            self._fit, self.surface, messages = self._build_surface(rendered)
+            use_tick(self.world, self.surface, self._row, self._samples)
+            self._play = _compile_run(self.world, self.surface, self._row, self._samples)
+        _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
+        _warn_of_overlap(scene, self.world)
+        self._warn_of_idle_effects(scene)
 
     def __repr__(self) -> str:
         names = ", ".join(effect.name for effect in self._effects) or "no effects"
@@ -567,15 +562,7 @@ class Renderer:
                 raise ValueError
             p[0] = p_WT
         except (TypeError, ValueError, OverflowError):
-            given = numbers(p_WT)
-            if given.shape == (4, 4):
-                p[0] = self._orient(given)
-            elif given.size == 3:
-                p[0] = given.ravel()
-            else:
-                raise PathError(
-                    f"expected a position of three numbers [m] or a pose (4, 4); it has {given.size} numbers"
-                ) from None
+            p[0] = self._read_position(numbers(p_WT))
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
@@ -604,6 +591,15 @@ class Renderer:
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
         return Command._make((f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact))
+
+    def _read_position(self, given: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the position (3,) from a position, or from a pose (4, 4), which sets the orientation of the tool."""
+        if given.shape == (4, 4):
+            return self._orient(given)
+        if given.size == 3:
+            return given.ravel()
+        what = f"expected a position of three numbers [m] or a pose (4, 4); it has {given.size} numbers"
+        raise PathError(what) from None
 
     def _orient(self, X_WT: NDArray[np.float64]) -> NDArray[np.float64]:
         """Set the orientation of the tool from its pose (4, 4); return its position, NaN if the pose is not finite."""
@@ -670,7 +666,9 @@ class Renderer:
         self._warn_of_far(rows["flags"], path)
         return self.recording(rows, a_m_s2, R_WT=None if X_WT is None else X_WT[:, :3, :3])
 
-    def recording(self, rows: Any, a_m_s2: NDArray[np.float64], R_WT: NDArray[np.float64] | None = None) -> "Recording":
+    def recording(
+        self, rows: Records, a_m_s2: NDArray[np.float64], R_WT: NDArray[np.float64] | None = None
+    ) -> "Recording":
         """Return a recording of ticks that other code ran, from their rows (n,) ROW and samples (n, block), and the
         orientations (n, 3, 3) of the tool if they were measured."""
         from hapscene.render.recording import Recording
@@ -723,6 +721,17 @@ class Renderer:
         return moving, X_WB, np.zeros(len(poses), np.int64)
 
 
+def _check_arguments(effects: object, seed: object, crease_rad: float, tip_radius_m: float) -> None:
+    if isinstance(effects, str):
+        raise EffectError(f"effects must be a list of names, not the text {effects!r}: write [{effects!r}]")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise HapsceneError(f"seed must be an integer of at least 0, is {seed!r}")
+    if not 0.0 <= crease_rad <= np.pi:
+        raise HapsceneError(f"crease_rad must be from 0 to π, is {crease_rad}")
+    if not 0.0 <= tip_radius_m <= TIP_RADIUS_MAX_M:
+        raise HapsceneError(f"tip_radius_m must be from 0 to {TIP_RADIUS_MAX_M} m, is {tip_radius_m} (is it in mm?)")
+
+
 def _warn(messages: list[str]) -> None:
     """Issue one warning for all messages."""
     if messages:
@@ -762,9 +771,10 @@ def _fidelity_of(fidelity: "Fidelity | str | os.PathLike[str] | None", scene: "S
     return fidelity
 
 
-def _compile_run(world: World, surface: Surface, rows: Records, blocks: NDArray[np.float64]) -> Any:
+def _compile_run(world: World, surface: Surface, rows: Records, blocks: NDArray[np.float64]) -> Callable[..., None]:
     """Return `run_ticks` compiled for these records. Its entry point skips numba's type look-up (3 µs per call)."""
     play: Any = run_ticks
     if INTERPRETED:
-        return play
-    return play.compile(world, surface, np.zeros((0, 3)), *_NO_BODIES, rows, blocks).entry_point
+        return run_ticks
+    entry: Callable[..., None] = play.compile(world, surface, np.zeros((0, 3)), *_NO_BODIES, rows, blocks).entry_point
+    return entry

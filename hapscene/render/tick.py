@@ -17,7 +17,7 @@ bits. A tick never allocates memory, takes a lock or raises an exception; errors
 """
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from hapscene.contact.world import NO_SHADE
 from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
-from hapscene.records import Records
+from hapscene.records import Record, Records
 from hapscene.render.describe import describe, shade
 from hapscene.render.reaction import react
 from hapscene.surface.mixer import FADE_S, fade_removed, limit, render_contact, render_fields
@@ -43,15 +43,18 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
-__all__ = ["run_ticks", "tick", "tick_at", "use_fading", "use_moving_bodies", "use_tick"]
+__all__ = ["Moved", "run_ticks", "tick", "tick_at", "use_fading", "use_moving_bodies", "use_tick"]
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
 
+Moved: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], int, int]
+"""Moving bodies: arguments of `place_bodies` after the first two."""
+
 
 @native
 def tick(
-    world: "World", surface: "Surface", x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
+    world: "World", surface: "Surface", x: float, y: float, z: float, row: Record, a_m_s2: NDArray[np.float64]
 ) -> int:
     """Compute one tick with the device at (x, y, z) [m] in W; returns flags.
 
@@ -114,7 +117,9 @@ def run_ticks(
 
 
 @inlined
-def tick_at(world: Any, surface: Any, moved: Any, p_WT: Vector, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+def tick_at(
+    world: "World", surface: "Surface", moved: Moved, p_WT: Vector, row: Record, a_m_s2: NDArray[np.float64]
+) -> None:
     """Place the moving bodies and compute one tick. `moved` holds the arguments of `place_bodies` after these."""
     entries = surface.entries
     if entries[PLACE] != 0:

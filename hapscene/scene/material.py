@@ -8,13 +8,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
-from hapscene.io.files import read_bytes, refusing
+from hapscene.io.files import Json, read_bytes, refusing
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 __all__ = ["TEXTURES", "Material", "open_picture", "picture_file", "read_picture"]
 
@@ -58,7 +61,7 @@ class Material:
     alpha: str = "OPAQUE"
     cutoff: float = 0.5
     two_sided: bool = False
-    textures: Mapping[str, Any] = field(default_factory=dict)
+    textures: "Mapping[str, Image.Image]" = field(default_factory=dict)
 
     @staticmethod
     def of(material: Any) -> "Material | None":
@@ -70,8 +73,8 @@ class Material:
                     return Material(name, textures={TEXTURES[0]: material.image})
                 share = _numbers(np.asarray(material.diffuse, np.float64) / 255, 3)
                 return Material(name, (*(c**2.2 for c in share), 1.0))
+            found: dict[str, Any] = {key: getattr(material, key, None) for key in TEXTURES}
             colour = getattr(material, "baseColorFactor", None)  # trimesh keeps linear values as bytes
-            found = {key: getattr(material, key, None) for key in TEXTURES}
             return Material(
                 name,
                 (1.0,) * 4 if colour is None else (*_numbers(np.asarray(colour) / 255, 3), *_opacity(colour)),
@@ -87,7 +90,7 @@ class Material:
             return None
 
     @property
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """Everything but the textures, with the names of glTF 2.0."""
         return {
             **{"name": self.name, "baseColorFactor": self.colour, "metallicFactor": self.metallic},
@@ -96,7 +99,7 @@ class Material:
         }
 
     @staticmethod
-    def from_numbers(numbers: Mapping[str, Any], textures: Mapping[str, Any]) -> "Material | None":
+    def from_numbers(numbers: Mapping[str, Json], textures: "Mapping[str, Image.Image | None]") -> "Material | None":
         """Return a material from `numbers` of an untrusted file and from pictures by name; None if one is invalid."""
         try:
             colour = np.asarray(numbers["baseColorFactor"], np.float64) * 255
@@ -138,7 +141,7 @@ def open_picture(content: bytes) -> Any:
     return picture
 
 
-def picture_file(picture: Any, kind: str = "") -> tuple[bytes, str]:
+def picture_file(picture: "Image.Image", kind: str = "") -> tuple[bytes, str]:
     """Return the content of a picture file and its type, PNG or JPEG; a picture from a JPEG file stays JPEG."""
     picture.load()  # raises if it is damaged
     kept: bytes | None = getattr(picture, "content", None)

@@ -290,7 +290,7 @@ def _freeze(mesh: Mesh, name: str, values: ArrayLike, dtype: DTypeLike) -> None:
 class Part:
     """Triangles with names and colours, in the unit of the file."""
 
-    vertices: NDArray[Any]  # (n, 3)
+    vertices: NDArray[np.float64]  # (n, 3)
     faces: NDArray[Any]  # (m, 3)
     group: NDArray[Any]  # (m,) index into names
     names: list[str]
@@ -444,7 +444,7 @@ def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
     return None
 
 
-def _shaded(material: object, corners: NDArray[Any]) -> NDArray[np.uint8]:
+def _shaded(material: object, corners: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the product (m, 3) of a glTF base colour and the mean corner colours (m, 3, 3), both linear, in sRGB."""
     share = corners.mean(axis=1) / (np.iinfo(corners.dtype).max if corners.dtype.kind == "u" else 1.0)
     factor = getattr(material, "baseColorFactor", None)  # trimesh stores it as uint8

@@ -1,6 +1,6 @@
 """Mesh checks: find defects of a mesh, explain their effect on contact, and repair those that can be repaired."""
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -20,7 +20,7 @@ CHUNK: Final = 100_000
 
 
 def _on_edges(
-    vertices_m: NDArray[np.float64], ends: Index, rim: Index, tree: Any, tolerance_m: float
+    vertices_m: NDArray[np.float64], ends: Index, rim: Index, tree: scipy.spatial.cKDTree, tolerance_m: float
 ) -> tuple[Index, NDArray[np.float64]]:
     """Return the rim vertices that lie on the inside of edges (n, 2), and their distances from them."""
     start, end = vertices_m[ends[:, 0]], vertices_m[ends[:, 1]]

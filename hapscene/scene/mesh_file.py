@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.constants import UNITLESS
 from hapscene.errors import MeshError, warn
 from hapscene.io.files import open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
@@ -109,9 +110,6 @@ def _binary_end(content: bytes) -> int:
 
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keep its tracebacks off standard error
-
-UNITLESS: Final = ("stl", "obj", "ply", "off")
-"""Formats without a unit of length."""
 
 STEP: Final = ("step", "stp")
 

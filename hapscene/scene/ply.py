@@ -225,7 +225,7 @@ def _triangles(strips: list[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate(found)
 
 
-def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | None:
+def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[np.int64], list[str]] | None:
     """Return groups (m,) and group names of a file from `save_mesh`; None for other files."""
     try:
         (mesh,) = loaded.geometry.values()
@@ -260,7 +260,7 @@ def add_look(part: Part, content: bytes, loaded: Any) -> None:
             part.materials, part.material = known, material
 
 
-def _groups(content: bytes, group: NDArray[np.int64]) -> tuple[NDArray[Any], list[str]] | None:
+def _groups(content: bytes, group: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[str]] | None:
     """Return groups (m,) and their names; None if the header does not name all groups."""
     start = f"comment {_COMMENT} "
     names = [line[len(start) :] for line in _header(content) if line.startswith(start)]

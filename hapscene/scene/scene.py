@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +44,7 @@ class Scene:
         self.pose_count = 0
         # Source of each swatch: a library name, a file, or None for a `Swatch` object.
         self.swatch_source: list[str | Path | None] = [PLAIN.name]
-        self._loaded: dict[tuple[Any, ...], Mesh] = {}
+        self._loaded: dict[tuple[object, ...], Mesh] = {}
         self._names: set[str] = set()
 
     def __repr__(self) -> str:
@@ -259,7 +259,7 @@ class Scene:
 
     def mesh_of(
         self,
-        mesh: Any,
+        mesh: "Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene",
         unit: str | None = None,
         *,
         up: str | None = None,

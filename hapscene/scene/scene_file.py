@@ -30,7 +30,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -256,8 +256,8 @@ def encode_fine(fine: FinePaint) -> dict[str, Json]:
     The string is the base64 encoding of a zlib stream of the faces and of level, edge and paint of the subfaces, as in
     `FinePaint`, little-endian.
     """
-    columns: dict[str, NDArray[Any]] = {"face": fine.faces, "level": fine.level, "edge": fine.edge, "paint": fine.paint}
-    content = b"".join(columns[name].astype(kind).tobytes() for name, kind in _FINE.items())
+    columns = (fine.faces, fine.level, fine.edge, fine.paint)
+    content = b"".join(np.asarray(column, kind).tobytes() for column, kind in zip(columns, _FINE.values(), strict=True))
     packed = base64.b64encode(zlib.compress(content)).decode("ascii")
     return {"faces": len(fine.faces), "leaves": len(fine), "packed": packed}
 

@@ -9,7 +9,7 @@ import importlib.util
 import re
 import tempfile
 from collections.abc import Mapping
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ def step_glb(content: bytes, where: str) -> tuple[bytes, list[str]]:
     return answer.arrays["glb"].tobytes(), [f"Open CASCADE reports {errors!r}"] if errors else []
 
 
-def read_step(file: BinaryIO) -> Mapping[str, NDArray[Any]]:
+def read_step(file: BinaryIO) -> Mapping[str, NDArray[np.generic]]:
     """Convert a STEP file to the bytes of a GLB file; runs in the separate process."""
     import cascadio
 

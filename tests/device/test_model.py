@@ -225,14 +225,6 @@ def test_one_warning_for_all_painted_swatches():
     assert [clip.swatch for clip in renderer.clips] == ["plain"]
 
 
-def test_swatches_within_the_limits_are_unchanged():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        renderer = hapscene.Renderer(scene(Swatch("soft", stiffness_N_m=300.0)), device="omni")
-    assert renderer.clips == ()
-    assert felt_N_m(renderer) == pytest.approx(300.0, rel=1e-9)
-
-
 def test_tuning_is_clipped_too():
     renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=300.0)), ["wall"], device="omni")
     with pytest.warns(DeviceWarning, match=r"'oak'.*900 N/m"):
@@ -281,28 +273,11 @@ def test_an_effect_without_damper_is_limited_to_the_undamped_stiffness():
     assert felt_N_m(renderer) == pytest.approx(limits.undamped_N_m, rel=1e-9)
 
 
-def test_repainting_keeps_the_limits():
-    renderer = hapscene.Renderer(scene(Swatch("soft", stiffness_N_m=300.0)), ["wall"], device="omni")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        renderer.repaint(scene(Swatch("oak", stiffness_N_m=5000.0)))
-    assert [clip.swatch for clip in renderer.clips] == ["oak"]
-    assert felt_N_m(renderer) == pytest.approx(700.0, rel=1e-9)
-
-
 def test_a_device_or_limits():
     with pytest.raises(HapsceneError, match="limits"):
         hapscene.Renderer(scene(Swatch("a")), device="omni", limits=IDEAL)
     with pytest.raises(HapsceneError, match="omini"):
         hapscene.Renderer(scene(Swatch("a")), device="omini")
-
-
-def test_ideal_is_the_default():
-    t = np.arange(400) / 400
-    path = np.c_[0.03 * np.sin(5 * t), 0.02 * t, np.where(t > 0.1, -0.001, 0.002)]
-    stiff = Swatch("oak", stiffness_N_m=5000.0, friction_static=0.5, friction_dynamic=0.4)
-    plain, ideal = (hapscene.Renderer(scene(stiff), device=device).run(path) for device in (None, "ideal"))
-    np.testing.assert_array_equal(plain.f_W_N, ideal.f_W_N)
 
 
 # --- a texture in the motors

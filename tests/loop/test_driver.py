@@ -199,14 +199,6 @@ BIN = 2.0 ** (1 / BINS_PER_OCTAVE)
 LAST_NS = BIN_NS * 2.0 ** ((BIN_COUNT - 1) / BINS_PER_OCTAVE)
 
 
-@pytest.mark.parametrize("span_ns", [101, 12_345, 20_000_001, 1_600_000_000])
-def test_percentile_is_within_one_bin(span_ns: int) -> None:
-    histogram = np.zeros(BIN_COUNT, np.int64)
-    count_in_bin(histogram, span_ns)
-    assert histogram.sum() == 1
-    assert span_ns / 1e3 <= percentile_us(histogram, 0.5) * (1 + 1e-9) <= BIN * span_ns / 1e3 * (1 + 2e-9)
-
-
 @pytest.mark.parametrize("span_ns", [-5, 100])
 def test_first_bin_holds_shorter_times(span_ns: int) -> None:
     histogram = np.zeros(BIN_COUNT, np.int64)

@@ -166,22 +166,6 @@ def test_switching_filters_every_sample_is_stable():
     assert np.abs(y).max() < 5.5
 
 
-def test_switching_filters_every_tick_is_stable(bench, ticks, texture_of, swatch_of):
-    """L3: pairs of different models, switched at each tick (a direct form reached 3e8 σ)."""
-    rng = np.random.default_rng(2)
-    for pair in range(6):
-        orders = rng.choice([2, 7, 12, 20], 2)
-        swatches = [swatch_of(texture=_unlike(side, int(order), rng)) for side, order in enumerate(orders)]
-        effect = bench(LPC, swatches[0], seed=pair)
-        tables = [effect.table_of(swatch) for swatch in swatches]
-        rows, y = ticks(1, force_N=1.0, slip_m_s=0.1), []
-        for i in range(1000):
-            effect.table = tables[i % 2]
-            y.append(effect.samples(rows))
-        assert np.abs(y).max() < 5.5
-        assert 0.5 < np.std(y) < 1.5
-
-
 def _unlike(side, order, rng):
     """A narrow resonance of power 1 at a low (side 0) or high (side 1) frequency."""
     k = rng.uniform(-0.9, 0.9, order)
@@ -285,7 +269,7 @@ def test_a_warped_texture_has_its_spectrum_and_level(bench, ticks, swatch_of):
 
 
 def test_switching_between_allpass_coefficients_preserves_the_level(bench, ticks, swatch_of):
-    """Two textures of power 1, switched at each tick."""
+    """L3: unlike textures of power 1, switched at each tick (a direct form reached 3e8 σ)."""
     rng = np.random.default_rng(4)
     textures = [_unlike(side, order, rng) for side, order in ((0, 9), (1, 12), (0, 20))]
     warps = (0.75, 0.0, -0.6)

@@ -1,7 +1,7 @@
 """One interface for the device that holds the tool: a simulated point mass or Omni in a hand, or a real device."""
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,7 +104,7 @@ def _read_connected(arm: "Arm") -> Vector:
 
 
 @native
-def write_orientation(arm: "Arm", R_WT: Any) -> None:
+def write_orientation(arm: "Arm", R_WT: NDArray[np.float64]) -> None:
     """Write the orientation (3, 3) in W of the tool of a real device."""
     R_DT, X = arm.state[0].R_DT, arm.X_WD
     for i in range(3):

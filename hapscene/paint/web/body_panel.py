@@ -15,13 +15,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import UNITLESS
 from hapscene.errors import HapsceneError, MeshError, SceneError
 from hapscene.paint.model.composing import numbered
 from hapscene.paint.web.context import PageContext, aria, escape_html, set_html
 from hapscene.paint.web.view import rotation
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh
-from hapscene.scene.mesh_file import FORMATS, UNITLESS, load_mesh
+from hapscene.scene.mesh_file import FORMATS, load_mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.size_advice import LIKELY_M, dimensions, size_advice
 

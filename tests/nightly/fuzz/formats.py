@@ -20,6 +20,7 @@ from scipy.io import savemat, wavfile
 import hapscene
 from hapscene.capture.io.hatt import import_hatt, read_taps
 from hapscene.capture.io.recording import load_recording
+from hapscene.constants import UNITLESS
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
@@ -34,7 +35,7 @@ from hapscene.parallel import Journal
 from hapscene.render import recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
-from hapscene.scene.mesh_file import UNITLESS, load_mesh
+from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.study.plan import load_plan

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from hapscene import cli
-from hapscene.scene.mesh_file import FORMATS, UNITLESS
+from hapscene.constants import UNITLESS
+from hapscene.scene.mesh_file import FORMATS
 
 QUICK_MAX_B = 150_000
 """Largest file in the short run [bytes]."""

@@ -58,13 +58,13 @@ def test_killed_process_rejects_calls_and_keeps_its_ticks() -> None:
             with pytest.raises(HapsceneError, match="exit code -9"):
                 asked(servo)
         assert "ended" in repr(servo)
-        felt = servo.read(10, after_end=True)
-        assert felt.first == 10 and len(felt.rows) > 40 and np.ptp(felt.rows["p_WT_m"][:, 2]) < 1e-6
+        log = servo.session_log()
+        assert log.first == 0 and log.rows.shape[1] > 50 and np.ptp(log.rows["p_WT_m"][0, :, 2]) < 1e-6
     for asked in ASKED.values():
         with pytest.raises(HapsceneError, match="closed"):
             asked(servo)
     with pytest.raises(HapsceneError, match="closed"):
-        servo.read(after_end=True)
+        servo.session_log()
     with pytest.raises(HapsceneError, match="entered"):
         servo.__enter__()
 
