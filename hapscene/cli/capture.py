@@ -63,7 +63,6 @@ def fit(
     *,
     out: Annotated[OutFile, Help("Swatch file to write (default: NAME.swatch, as oak.swatch)")] = None,
     name: Annotated[str | None, Help("Name of the swatch (default: name of the written file)")] = None,
-    plot: Annotated[Path | None, Help("Plot of the contact states over time to write, .png")] = None,
     options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
 ) -> None:
@@ -76,7 +75,6 @@ def fit(
       hapscene capture fit oak.csv --rate 10000 --units acceleration=g,force=N
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch \\
           --units 'acceleration=98 m/s2'
-      hapscene capture fit oak.npz --plot states.png
     """
     for path in recordings:
         check_there(path)
@@ -91,20 +89,17 @@ def fit(
         )
     if name is not None and any(sign in name for sign in "/\\"):
         raise SwatchError(f"--name {name!r} contains a slash; expected a name that can be part of a file name")
-    swatch = _fitted(recordings, name or out.stem, plot, reading, options)
+    swatch = _fitted(recordings, name or out.stem, reading, options)
     save_swatch(swatch, str(out))
     print_lines([verdict(swatch), *lines(swatch)])
-    print_files([out, *([] if plot is None else [plot])])
+    print_files([out])
 
 
-def _fitted(
-    paths: Sequence[str], name: str, plot: Path | None, reading: RecordingOptions, options: TextureOptions
-) -> "Swatch":
+def _fitted(paths: Sequence[str], name: str, reading: RecordingOptions, options: TextureOptions) -> "Swatch":
     from hapscene import __version__
     from hapscene.capture.fit.segment import InteractionState
     from hapscene.capture.fit.swatch import fit_recordings, prepare
     from hapscene.capture.io.recording import load_recording
-    from hapscene.capture.report.states import WORDS, write_states
     from hapscene.io.files import refusing
     from hapscene.touch import step
 
@@ -116,10 +111,8 @@ def _fitted(
                 parts.append(prepare(recording.pop()))  # pop: free the recording, which may be large
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
         print_progress(
-            f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n"
+            f"  {', '.join(f'{state.word} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n"
         )
-    if plot is not None:  # before the fit, since the plot shows why a fit fails
-        write_states(parts, str(plot), [Path(path).name for path in paths])
     with step(print_progress, "fitting"), refusing(CaptureError, ", ".join(paths)):
         swatch = fit_recordings(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
