@@ -14,7 +14,6 @@ from hapscene.cli.options import (
     Help,
     InFile,
     InFiles,
-    Numbers,
     OutFile,
     OutFolder,
     Positive,
@@ -294,7 +293,7 @@ def join(
     /,
     *,
     out: Annotated[OutFile, Help("NPZ file to write (default: joined.npz)")] = None,
-    rate: Annotated[Numbers, Help("Sample rates of files that do not store one [Hz]: one for all, or one each")] = (),
+    rate: Annotated[Positive | None, Help("Sample rate of files that do not store one [Hz]")] = None,
 ) -> None:
     """Align recordings of one event from different devices in time, and join them into one file.
 
@@ -310,7 +309,7 @@ def join(
     from hapscene.capture.record.time_alignment import join as run
 
     out = out or new_file("joined.npz")
-    made = run(recordings, str(out), rates_Hz=rate)
+    made = run(recordings, str(out), rate_Hz=rate)
     print_lines([f"{printable(file.name)}: {known}" for file, known in made.offsets.items()])
     shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, on the clock of {printable(made.leader.name)}"
     print_lines([f"{shared}: {', '.join(made.names)}"])
