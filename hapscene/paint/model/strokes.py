@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -180,9 +179,7 @@ class Stroke:
             faces: NDArray[np.integer] = shape.near(Tube(points_m, brush.radius_m))
             self._painting.paint_region(body, region, faces, falloff_m, brush.opacity)
             return
-        ends = pairwise(line) if len(line) > 1 else [(line[0], line[0])]
-        touched = [shape.brush((a.face, b.face), (a.p_B_m, b.p_B_m), brush.radius_m) for a, b in ends]
-        faces = np.unique(np.concatenate(touched))
+        faces = shape.brush([hit.face for hit in line], points_m, brush.radius_m)
         self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
 
     def _pieces(self, tip: _Tip, now: Ray, hit: Hit | None) -> int:
