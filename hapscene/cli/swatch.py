@@ -220,8 +220,9 @@ def compare(surfaces: Annotated[list[str], Help("Swatch names or .swatch files")
         print_lines(_pair_text(comparing.compare(first, *others)))
         return
     if not others:
-        own = (home / entry.file for home in known.own_folders() for entry in known.own_entries(home))
-        for place in (*known.shipped_swatches(), *own):
+        places: list[str | Path] = [*known.shipped_swatches()]
+        places += [home / entry.file for home in known.own_folders() for entry in known.own_entries(home)]
+        for place in places:
             try:
                 others.append(known.load_swatch(place))
             except SwatchError as error:
