@@ -84,7 +84,7 @@ class _Xml:
         return values
 
     def positive(self, name: str, default: float | None = None) -> float:
-        """Number in a child element, which must be 0 or more; `default` if there is none."""
+        """Number in a child element, which must be 0 or more; `default` if the element is missing."""
         values = self.numbers(name)
         if default is not None and not len(values):
             return default
