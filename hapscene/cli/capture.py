@@ -14,7 +14,6 @@ from hapscene.cli.options import (
     Help,
     InFile,
     InFiles,
-    Numbers,
     OutFile,
     OutFolder,
     Positive,
@@ -58,12 +57,11 @@ class TextureOptions:
 
 @app.command
 def fit(
-    recordings: Annotated[list[str], Help("CSV, text, WAV, NPZ, MAT or .hsrec files")],
+    recordings: Annotated[list[str], Help("CSV, text, WAV, NPZ or .hsrec files")],
     /,
     *,
     out: Annotated[OutFile, Help("Swatch file to write (default: NAME.swatch, as oak.swatch)")] = None,
     name: Annotated[str | None, Help("Name of the swatch (default: name of the written file)")] = None,
-    plot: Annotated[Path | None, Help("Plot of the contact states over time to write, .png")] = None,
     options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
 ) -> None:
@@ -76,7 +74,6 @@ def fit(
       hapscene capture fit oak.csv --rate 10000 --units acceleration=g,force=N
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch \\
           --units 'acceleration=98 m/s2'
-      hapscene capture fit oak.npz --plot states.png
     """
     for path in recordings:
         check_there(path)
@@ -91,20 +88,17 @@ def fit(
         )
     if name is not None and any(sign in name for sign in "/\\"):
         raise SwatchError(f"--name {name!r} contains a slash; expected a name that can be part of a file name")
-    swatch = _fitted(recordings, name or out.stem, plot, reading, options)
+    swatch = _fitted(recordings, name or out.stem, reading, options)
     save_swatch(swatch, str(out))
     print_lines([verdict(swatch), *lines(swatch)])
-    print_files([out, *([] if plot is None else [plot])])
+    print_files([out])
 
 
-def _fitted(
-    paths: Sequence[str], name: str, plot: Path | None, reading: RecordingOptions, options: TextureOptions
-) -> "Swatch":
+def _fitted(paths: Sequence[str], name: str, reading: RecordingOptions, options: TextureOptions) -> "Swatch":
     from hapscene import __version__
     from hapscene.capture.fit.segment import InteractionState
     from hapscene.capture.fit.swatch import fit_recordings, prepare
     from hapscene.capture.io.recording import load_recording
-    from hapscene.capture.report.states import WORDS, write_states
     from hapscene.io.files import refusing
     from hapscene.touch import step
 
@@ -116,10 +110,8 @@ def _fitted(
                 parts.append(prepare(recording.pop()))  # pop: free the recording, which may be large
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
         print_progress(
-            f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n"
+            f"  {', '.join(f'{state.word} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n"
         )
-    if plot is not None:  # before the fit, since the plot shows why a fit fails
-        write_states(parts, str(plot), [Path(path).name for path in paths])
     with step(print_progress, "fitting"), refusing(CaptureError, ", ".join(paths)):
         swatch = fit_recordings(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
@@ -297,11 +289,11 @@ def _print_line(line: str) -> None:
 
 @app.command
 def join(
-    recordings: Annotated[InFiles, Help("CSV, text, WAV, NPZ, MAT or .hsrec files, two or more")],
+    recordings: Annotated[InFiles, Help("CSV, text, WAV, NPZ or .hsrec files, two or more")],
     /,
     *,
     out: Annotated[OutFile, Help("NPZ file to write (default: joined.npz)")] = None,
-    rate: Annotated[Numbers, Help("Sample rates of files that do not store one [Hz]: one for all, or one each")] = (),
+    rate: Annotated[Positive | None, Help("Sample rate of files that do not store one [Hz]")] = None,
 ) -> None:
     """Align recordings of one event from different devices in time, and join them into one file.
 
@@ -317,7 +309,7 @@ def join(
     from hapscene.capture.record.time_alignment import join as run
 
     out = out or new_file("joined.npz")
-    made = run(recordings, str(out), rates_Hz=rate)
+    made = run(recordings, str(out), rate_Hz=rate)
     print_lines([f"{printable(file.name)}: {known}" for file, known in made.offsets.items()])
     shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, on the clock of {printable(made.leader.name)}"
     print_lines([f"{shared}: {', '.join(made.names)}"])

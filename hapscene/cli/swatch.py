@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import format_size, print_error, print_lines, print_note, print_progress, table
-from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder
+from hapscene.cli.options import AsJson, Help, InFiles, InPaths, OutFolder
 from hapscene.cli.paths import check_swatch
 from hapscene.errors import SwatchError
 from hapscene.interrupt import clear_interrupt
@@ -199,44 +199,35 @@ def import_files(
 
 
 @app.command
-def compare(
-    surfaces: Annotated[list[str], Help("Swatch names or .swatch files")],
-    /,
-    *,
-    library: Annotated[InFolder | None, Help("Folder of swatches to rank by perceptual distance")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compare surfaces perceptually: two side by side, or one against a library.
+def compare(surfaces: Annotated[list[str], Help("Swatch names or .swatch files")], /) -> None:
+    """Compare surfaces perceptually: two side by side, or the first with each of several.
 
+    A single surface is compared with the shipped swatches and those of your library.
     Differences are in just-noticeable differences (JND).
 
     examples:
       hapscene swatch compare wood paper
-      hapscene swatch compare mine.swatch            # against the shipped swatches
-      hapscene swatch compare mine.swatch --library swatches/
+      hapscene swatch compare mine.swatch
+      hapscene swatch compare mine.swatch swatches/*.swatch
     """
     for name in surfaces:
         check_swatch(name)
     from hapscene.capture.report import compare as comparing
-    from hapscene.swatches.library import load_swatch
+    from hapscene.swatches import library as known
 
-    swatches = [load_swatch(name) for name in surfaces]
-    content: dict[str, Any]
-    if library is None and len(swatches) == 2:
-        comparison = comparing.compare(*swatches)
-        content, lines = comparison.as_dict(), _pair_text(comparison)
-    else:
-        broken: dict[str, str] = {}
-        if library is None and len(swatches) > 1:
-            ranks = [comparing.rank(swatches[0], swatches[1:])]
-        else:
-            known, broken = comparing.load_library(None if library is None else str(library))
-            ranks = [comparing.rank(swatch, [other for other in known if other != swatch]) for swatch in swatches]
-        content = {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
-        lines = [line for ranked in ranks for line in _rank_text(ranked)]
-        for reason in broken.values():
-            print_note(reason)
-    print_lines(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).splitlines() if as_json else lines)
+    first, *others = (known.load_swatch(name) for name in surfaces)
+    if len(others) == 1:
+        print_lines(_pair_text(comparing.compare(first, *others)))
+        return
+    if not others:
+        places: list[str | Path] = [*known.shipped_swatches()]
+        places += [home / entry.file for home in known.own_folders() for entry in known.own_entries(home)]
+        for place in places:
+            try:
+                others.append(known.load_swatch(place))
+            except SwatchError as error:
+                print_note(str(error))
+    print_lines(_rank_text(comparing.rank(first, [other for other in others if other != first])))
 
 
 def _pair_text(comparison: "Comparison") -> list[str]:

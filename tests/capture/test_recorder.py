@@ -1,6 +1,5 @@
 """Recording from a scripted serial port, with a virtual clock."""
 
-import io
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,10 +9,10 @@ import pytest
 
 from hapscene.capture.io.hsrec import load_record
 from hapscene.capture.record import recorder
-from hapscene.capture.record.recorder import LevelMeter, RecordingResult, record
+from hapscene.capture.record.recorder import RecordingResult, record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
-from hapscene.io.wire.protocol import Column, Count, Header, Run, sample_line
+from hapscene.io.wire.protocol import Column, Header, sample_line
 from tests.header_line import header_line
 from tests.virtual_clock import VirtualClock
 
@@ -162,28 +161,12 @@ def test_a_missing_port_is_one_error(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert error.startswith("hapscene: /dev/nothing: ") and error.count("\n") == 1
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-@pytest.mark.parametrize("stream", [Terminal(), io.StringIO()], ids=["terminal", "log"])
-def test_meter(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "60")
-    clock = VirtualClock()
-    meter = LevelMeter(Header(1000.0, COLUMNS), stream, clock)
-    for k in range(41):
-        meter.add(Run(0, np.array([[9810 + 1000, 0], [9810 - 1000, 200]])))
-        meter.show(Count(dropped=3), round(62.5 * k))
-        clock.sleep_s(1 / 16)
-    meter.close()
-    if stream.isatty():
-        shown = stream.getvalue().split("\r")[1:]
-        assert 19 <= len(shown) <= 21 and all(len(line) <= 59 + len("\x1b[K\n") for line in shown)
-        assert stream.getvalue().endswith("\x1b[K\n")
-    else:
-        shown = stream.getvalue().splitlines()
-        assert len(shown) == 2 and shown[0].endswith("rms/peak:  acceleration 1/1 m/s2  force 1/1 N")
-    assert re.match(r" +(0\.1|1\.0) s  dropped 3, torn 0, garbage 0  rms", shown[0])
-    meter.line(Count(), 0)
-    assert "no samples" in meter.line(Count(), 0)
+def test_the_level_is_printed_each_second(play: Play) -> None:
+    said: list[str] = []
+    parts = [sample_line(n, (9810 + 1000 * (-1) ** n, 200 * (n % 2))) for n in range(5000)]
+    parts[7:10] = [b"", b"", b""]
+    play([HEADER, *parts], duration_s=2.5, say=said.append)
+    assert said[0].startswith("recording acceleration") and len(said) == 3
+    for line, second in zip(said[1:], "12", strict=True):
+        assert re.match(rf" +{second}\.0 s  dropped 3, torn 0, garbage 0  rms", line)
+        assert line.endswith("rms/peak:  acceleration 1/1 m/s2  force 1/1 N")

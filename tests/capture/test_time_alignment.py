@@ -148,8 +148,7 @@ def test_a_wav_and_a_table_are_merged(tmp_path: Path, capsys: pytest.CaptureFixt
         ({"out": "j.csv"}, r"j\.csv"),
         ({"paths": ["a.csv"]}, "two or more"),
         ({"paths": ["a.csv", "a.csv"]}, "different files"),
-        ({"rates_Hz": [1.0, 2.0, 3.0]}, "3 sample rates"),
-        ({"rates_Hz": []}, "--rate"),
+        ({"rate_Hz": None}, "--rate"),
         ({"paths": ["a.csv", "c.csv"]}, r"c\.csv: column 'x'"),
         ({}, r"a\.csv and b\.csv: .*duration"),
     ],
@@ -161,7 +160,7 @@ def test_files_that_cannot_be_merged_are_refused(
     for name, header in (("a.csv", "x,y"), ("b.csv", "x,z")):
         np.savetxt(name, np.arange(200.0).reshape(-1, 2), delimiter=",", header=header, comments="")
     Path("c.csv").write_text("x\nnan\nnan\nnan\n")
-    given = {"paths": ["a.csv", "b.csv"], "out": "j.npz", "rates_Hz": [1000.0], **more}
+    given = {"paths": ["a.csv", "b.csv"], "out": "j.npz", "rate_Hz": 1000.0, **more}
     with pytest.raises(CaptureError, match=message):
         join(given.pop("paths"), given.pop("out"), **given)  # type: ignore[arg-type]
     assert not Path("j.npz").exists()
@@ -173,7 +172,7 @@ def test_streams_of_the_same_name_are_all_kept(tmp_path: Path) -> None:
     beat = rng.standard_normal(6000) * (1.0 + np.sin(np.arange(6000) / 90.0 + 8.0 * np.sin(np.arange(6000) / 800.0)))
     write(tmp_path / "a.csv", 1000.0, {"acceleration": beat, "acceleration_2": np.ones(6000)})
     write(tmp_path / "b.csv", 1000.0, {"acceleration": 2.0 * beat})
-    join([tmp_path / "a.csv", tmp_path / "b.csv"], tmp_path / "c.npz", rates_Hz=[1000.0])
+    join([tmp_path / "a.csv", tmp_path / "b.csv"], tmp_path / "c.npz", rate_Hz=1000.0)
     with np.load(tmp_path / "c.npz") as kept:
         assert np.all(kept["acceleration_2"] == 1.0)
         assert np.corrcoef(kept["acceleration_3"], kept["acceleration"])[0, 1] > 0.8

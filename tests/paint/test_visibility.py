@@ -54,6 +54,22 @@ def test_other_side_of_a_thin_wall_and_hidden_bodies_are_not_painted() -> None:
         assert (scene.bodies[0].face_swatch[low] == 1).any() == through
 
 
+def test_a_sheet_close_behind_another_of_the_same_body_is_not_painted() -> None:
+    sheets = [box((0.04, 0.04, 1e-4)).subdivide().subdivide().subdivide() for _ in range(2)]
+    sheets[1].apply_translation((0.0, 0.0, 3e-4))
+    scene = Scene()
+    scene.add(mesh_of(sheets[0] + sheets[1]), name="sheets")
+    session = Session(scene)
+    session.add_swatch("wood")
+    session.begin_stroke("wood", 0.008)
+    session.drag_to(EYE, DOWN)
+    session.end_stroke()
+    body = scene.bodies[0]
+    assert body.fine is not None
+    wood = np.concatenate([np.flatnonzero(body.face_swatch == 1), body.fine.face[parts(body.fine.paint)[0] == 1]])
+    assert len(wood) > 4 and (body.mesh.triangles_m.mean(axis=1)[wood, 2] > 3e-4).all()
+
+
 @pytest.mark.parametrize("away_m", [0.1, 5.0])
 def test_against_rays_over_all_faces(away_m: float) -> None:
     scene = Scene()

@@ -101,6 +101,11 @@ class InteractionState(IntEnum):
     SLIDING = 2
     TAP = 3
 
+    @property
+    def word(self) -> str:
+        """Name of the state for the user."""
+        return ("no contact", "at rest", "sliding", "tap")[self]
+
 
 @dataclass(frozen=True)
 class Segmentation:

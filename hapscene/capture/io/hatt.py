@@ -60,64 +60,41 @@ class _Xml:
         place = ", ".join(filter(None, (self.place, where)))
         return SwatchError(f"{self.path}: {place}: expected {expected}, found {found}")
 
-    def children(self, name: str, count: str) -> "list[_Xml]":
-        """Child elements of a name; the optional child `count` states their number."""
-        found = [_Xml(self.path, child, f"<{name}> {i}") for i, child in enumerate(self._named(name), 1)]
-        stated = self.number(count)
-        if stated is not None and stated != len(found):
-            raise self.error(f"<{count}>", f"{len(found)}, the number of <{name}> elements", f"{stated:g}")
+    def children(self, name: str) -> "list[_Xml]":
+        """Child elements of a name."""
+        found = [_Xml(self.path, child, f"<{name}> {i}") for i, child in enumerate(self.element.findall(name), 1)]
         if not 1 <= len(found) <= MODEL_MAX:
             raise self.error(f"<{name}>", f"1 to {MODEL_MAX} elements", f"{len(found)}")
         return found
 
-    def _named(self, name: str) -> list[ElementTree.Element]:
-        return [child for child in self.element if _name(child) == name]
-
     def text(self, name: str) -> str:
         """Text of a child element; empty if there is no such child."""
-        found = self._named(name)
-        return _text(found[0]) if found else ""
+        return self.element.findtext(name, "").strip()
 
-    def number(self, name: str) -> float | None:
-        """Number in a child element; None if the child is missing or empty."""
-        text = self.text(name)
-        return self._value(text, f"<{name}>") if text else None
-
-    def positive(self, name: str) -> float:
-        """Number in a child element, which must be 0 or more."""
-        value = self.number(name)
-        if value is None or value < 0.0:
-            raise self.error(f"<{name}>", "a number, 0 or more", "nothing" if value is None else f"{value:g}")
-        return value
-
-    def numbers(self, name: str = "") -> Array:
-        """Numbers in a child element or in this one: one in each `value` element, or all of them in its text."""
-        found = self._named(name) if name else [self.element]
-        values = [_text(child) for child in found[0] if _name(child) == "value"] if found else []
-        texts = values or (_text(found[0]).split() if found else [])
-        return np.array([self._value(text, f"<{name}> value {i}") for i, text in enumerate(texts, 1)])
-
-    def _value(self, text: str, where: str) -> float:
+    def numbers(self, name: str) -> Array:
+        """Numbers in the text of a child element and of its own children; name "." for this element."""
+        found = self.element.find(name)
+        texts = [] if found is None else " ".join(found.itertext()).split()
         try:
-            value = float(text)
+            values = np.array(texts, dtype=np.float64)
         except ValueError:
-            value = np.nan
-        if not np.isfinite(value) or abs(value) > 1e100:
-            raise self.error(where, "a finite number", repr(text[:40]))
-        return value
+            values = np.array([np.nan])
+        if not np.all(np.abs(values) <= 1e100):
+            raise self.error(f"<{name}>", "finite numbers", repr(" ".join(texts)[:40]))
+        return values
+
+    def positive(self, name: str, default: float | None = None) -> float:
+        """Number in a child element, which must be 0 or more; `default` if the element is missing."""
+        values = self.numbers(name)
+        if default is not None and not len(values):
+            return default
+        if len(values) != 1 or values[0] < 0.0:
+            raise self.error(f"<{name}>", "a number, 0 or more", repr(self.text(name)[:40]))
+        return float(values[0])
 
 
-def _name(element: ElementTree.Element) -> str:
-    """Name of an element without its namespace."""
-    return element.tag.rpartition("}")[2]
-
-
-def _text(element: ElementTree.Element) -> str:
-    return " ".join("".join(element.itertext()).split())
-
-
-def _read_xml(path: Path, *names: str) -> _Xml:
-    """Parses a file and returns its root element, which must have one of the names.
+def _read_xml(path: Path, name: str) -> _Xml:
+    """Parses a file and returns its root element, which must have the name.
 
     Raises:
         SwatchError: the file cannot be read, is not XML, or has another root element.
@@ -133,8 +110,8 @@ def _read_xml(path: Path, *names: str) -> _Xml:
     except (ElementTree.ParseError, ValueError, LookupError) as fault:
         raise SwatchError(f"{path}: not XML: {' '.join(str(fault).split())[:200]}") from None
     source = _Xml(path, root)
-    if _name(root) not in names:
-        raise source.error("the root element", " or ".join(f"<{name}>" for name in names), f"<{_name(root)}>")
+    if root.tag != name:
+        raise source.error("the root element", f"<{name}>", f"<{root.tag}>")
     return source
 
 
@@ -173,7 +150,7 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
         raise source.error("<SampleRate>", "100 to 1000000 Hz", f"{rate_Hz:g}")
     _unit(source, "AccelUnits", _ACCELERATION)
     _unit(source, "ForceUnits", _FORCE)
-    models = sorted(source.children("model", "numMod"), key=lambda model: model.number("modNum") or 0.0)
+    models = sorted(source.children("model"), key=lambda model: model.positive("modNum", 0.0))
     lsf = [_frequencies(model) for model in models]
     for model, own in zip(models, lsf, strict=True):
         if len(own) != len(lsf[0]):
@@ -181,12 +158,13 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
     speed, force, variance = (
         np.array([model.positive(name) for model in models]) for name in ("speedMod", "forceMod", "var")
     )
-    gain = np.array([model.positive("gain") if model.text("gain") else 1.0 for model in models])
+    gain = np.array([model.positive("gain", 1.0) for model in models])
     triangles = _triangles(source, force, speed)
     text = source.text("material") or source.path.stem.removeprefix("Models_")
     material = "".join(c if c.isprintable() else " " for c in text).strip()[:200] or "unnamed"
+    friction = source.positive("mu") if len(source.numbers("mu")) else None
     places = force, speed * _unit(source, "SpeedUnits", _SPEED), triangles
-    return HattModels(material, rate_Hz, source.number("mu"), *places, np.stack(lsf), gain**2 * variance)
+    return HattModels(material, rate_Hz, friction, *places, np.stack(lsf), gain**2 * variance)
 
 
 def _unit(source: _Xml, name: str, known: dict[str, float]) -> float:
@@ -209,8 +187,8 @@ def _frequencies(model: _Xml) -> Array:
 
 def _triangles(source: _Xml, force: Array, speed: Array) -> NDArray[np.int32]:
     """Triangles (t, 3) of the file as indices from 0, without degenerate ones."""
-    elements = source.children("tri", "numTri")
-    rows = [tri.numbers() for tri in elements]
+    elements = source.children("tri")
+    rows = [tri.numbers(".") for tri in elements]
     for tri, row in zip(elements, rows, strict=True):
         if len(row) != 3 or np.any(row != np.round(row)) or row.min() < 1 or row.max() > len(force):
             raise tri.error("", f"three model numbers from 1 to {len(force)}", f"{row.tolist()}"[:60])
@@ -218,18 +196,12 @@ def _triangles(source: _Xml, force: Array, speed: Array) -> NDArray[np.int32]:
     top = force.max() * speed.max()
     if not top > 0.0:
         raise source.error("the models", "a model at a force and a speed above 0", "no such model")
-    area = np.abs(_doubled_area(force[triangles], speed[triangles])) / top
-    kept = triangles[area > 1e-6]
-    if not len(kept) or abs(0.5 * area.sum() - 1.0) > 0.01:
-        raise source.error(
-            "<tri>", "triangles that cover the plane of force and speed exactly once", f"{0.5 * area.sum():.0%}"
-        )
-    return np.asarray(kept)
-
-
-def _doubled_area(f: Array, s: Array) -> Array:
-    """Twice the signed area (t,) of triangles with corners at forces and speeds (t, 3)."""
-    return np.asarray((f[:, 1] - f[:, 0]) * (s[:, 2] - s[:, 0]) - (f[:, 2] - f[:, 0]) * (s[:, 1] - s[:, 0]))
+    f, s = force[triangles], speed[triangles]
+    doubled = np.abs((f[:, 1] - f[:, 0]) * (s[:, 2] - s[:, 0]) - (f[:, 2] - f[:, 0]) * (s[:, 1] - s[:, 0]))
+    share = 0.5 * float(doubled.sum()) / top
+    if abs(share - 1.0) > 0.01:
+        raise source.error("<tri>", "triangles that cover the plane of force and speed exactly once", f"{share:.0%}")
+    return np.asarray(triangles[doubled > 1e-6 * top])
 
 
 # Taps.
@@ -244,7 +216,7 @@ def read_taps(path: str | os.PathLike[str]) -> tuple[Array, Array]:
         SwatchError: the file is not a taps file, is incomplete, or contains a number out of range.
     """
     source = _read_xml(Path(path), "tapSet")
-    taps = source.children("tap", "numTap")
+    taps = source.children("tap")
     waves = [tap.numbers("tapAccel") for tap in taps]
     speeds = [tap.positive("tapSpeed") for tap in taps]
     for tap, speed, wave in zip(taps, speeds, waves, strict=True):

@@ -1,35 +1,30 @@
-"""Records from a probe on a serial port: reads and decodes samples, shows the level, writes a crash-safe file."""
+"""Records from a probe on a serial port: reads and decodes samples, prints the level, writes a crash-safe file."""
 
 import math
 import os
-import shutil
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, file_exists
-from hapscene.errors import CaptureError, Codes
+from hapscene.errors import CaptureError
 from hapscene.io.files import refusing
 from hapscene.io.wire.port import BAUD, Port
 from hapscene.io.wire.protocol import VERSION, Count, Decoder, Header, Run
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["FULL", "REACHED", "SILENCE_S", "STOPPED", "LevelMeter", "RecordingResult", "record"]
+__all__ = ["FULL", "REACHED", "SILENCE_S", "STOPPED", "RecordingResult", "record"]
 
-TERMINAL_S: Final = 0.1
-"""Interval between two updates of the level meter on a terminal [s]."""
-
-LOG_S: Final = 1.0
-"""Interval between two lines of the level meter if the output is not a terminal [s]."""
+LEVEL_S: Final = 1.0
+"""Interval between two lines with the level [s]."""
 
 FLUSH_S: Final = 0.05
-"""Interval at which samples are passed to the operating system and the level meter is updated [s]."""
+"""Interval at which samples are passed to the operating system [s]."""
 
 SILENCE_S: Final = 5.0
 """Longest wait for the probe's header [s]. Boards that restart when the port is opened need up to 2 s."""
@@ -43,52 +38,24 @@ REACHED: Final = "the duration was reached"
 FULL: Final = "the maximum length of a record was reached"
 
 
-class LevelMeter:
-    """Level meter of a recording: one line with RMS and peak of each channel, and the number of lost samples."""
+def level_line(header: Header, blocks: Sequence[NDArray[np.int64]], count: Count, position: int) -> str:
+    """A line with the time, the lost samples, and RMS and peak of each channel about its mean.
 
-    def __init__(self, header: Header, stream: TextIO | None = None, clock: Clock = CLOCK) -> None:
-        self._header = header
-        self._stream = sys.stdout if stream is None else stream
-        self._clock = clock
-        self._is_terminal = self._stream.isatty()
-        self._period_s = TERMINAL_S if self._is_terminal else LOG_S
-        self._shown_s = clock.now_s()
-        self._line_open = False
-        self._blocks: list[NDArray[np.int64]] = []
-
-    def add(self, run: Run) -> None:
-        """Adds samples to the level that is shown next."""
-        self._blocks.append(run.counts)
-
-    def show(self, count: Count, position: int) -> None:
-        """Prints the level if the last line is old enough; `position` is the number of samples so far."""
-        now_s = self._clock.now_s()
-        if now_s - self._shown_s < self._period_s:
-            return
-        self._shown_s, self._line_open = now_s, self._is_terminal
-        line, width = self.line(count, position), shutil.get_terminal_size().columns
-        for text in (Codes("\r"), line[: width - 1], Codes("\x1b[K")) if self._is_terminal else (f"{line}\n",):
-            self._stream.write(text)
-        self._stream.flush()
-
-    def line(self, count: Count, position: int) -> str:
-        """The text of the meter: time, lost samples, RMS and peak about the mean since the last call."""
-        levels = "  no samples"
-        if self._blocks:
-            values = np.concatenate(self._blocks) * np.array([c.scale for c in self._header.columns])
-            self._blocks = []
-            deviation = values - values.mean(axis=0)
-            rms, peak = np.sqrt((deviation**2).mean(axis=0)), np.abs(deviation).max(axis=0)
-            each = zip(self._header.columns, rms, peak, strict=True)
-            levels = "".join(f"  {c.name} {level:.3g}/{top:.3g} {c.unit}" for c, level, top in each)
-        lost = f"dropped {count.dropped}, torn {count.torn}, garbage {count.garbage}"
-        return f"{position / self._header.rate_Hz:7.1f} s  {lost}  rms/peak:{levels}"
-
-    def close(self) -> None:
-        """Ends the line on a terminal."""
-        if self._line_open:
-            self._stream.write("\n")
-            self._stream.flush()
+    Args:
+        header: header of the probe.
+        blocks: counts (n, columns) since the last line.
+        count: received and lost samples.
+        position: number of samples so far.
+    """
+    levels = "  no samples"
+    if blocks:
+        values = np.concatenate(blocks) * np.array([c.scale for c in header.columns])
+        deviation = values - values.mean(axis=0)
+        rms, peak = np.sqrt((deviation**2).mean(axis=0)), np.abs(deviation).max(axis=0)
+        each = zip(header.columns, rms, peak, strict=True)
+        levels = "".join(f"  {c.name} {level:.3g}/{top:.3g} {c.unit}" for c, level, top in each)
+    lost = f"dropped {count.dropped}, torn {count.torn}, garbage {count.garbage}"
+    return f"{position / header.rate_Hz:7.1f} s  {lost}  rms/peak:{levels}"
 
 
 @dataclass(frozen=True)
@@ -153,8 +120,7 @@ def record(
         with RecordWriter(place, decoder.header) as writer:
             names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
             say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; stop with Ctrl-C")
-            meter = LevelMeter(decoder.header, clock=clock)
-            result = _record_samples(opened, decoder, runs, writer, duration_s, stopped, meter, clock)
+            result = _record_samples(opened, decoder, runs, writer, duration_s, stopped, say, clock)
     if not result.count.received:
         place.unlink()
         raise CaptureError(f"{port}: the probe sent a header but no samples ({result.ended}); no file was written")
@@ -194,53 +160,52 @@ def _record_samples(
     writer: RecordWriter,
     duration_s: float | None,
     stopped: Callable[[], bool],
-    meter: LevelMeter,
+    say: Callable[[str], None],
     clock: Clock,
 ) -> RecordingResult:
-    """Writes samples and updates the level meter until the recording ends."""
+    """Writes samples and prints their level until the recording ends."""
     header = decoder.header
     assert header is not None
-    start_s = synced_s = flushed_s = last_s = clock.now_s()
+    start_s = synced_s = flushed_s = shown_s = last_s = clock.now_s()
+    shown: list[NDArray[np.int64]] = []
     length_max = VALUE_MAX // len(header.columns)
     length = length_max if duration_s is None else min(length_max, round(duration_s * header.rate_Hz))
     overdue_s = start_s + SILENCE_S + (duration_s or math.inf)
     ended = ""
-    try:
-        while True:
-            for run in runs:
-                counts = run.counts[: max(0, length - run.first)]
-                if len(counts):
-                    kept = Run(run.first, counts)
-                    writer.write(kept)
-                    meter.add(kept)
-            now_s = clock.now_s()
-            if now_s - synced_s >= SYNC_S:
-                writer.sync()
-                synced_s = now_s
-            if now_s - flushed_s >= FLUSH_S:
-                writer.flush()
-                meter.show(decoder.count, min(decoder.position, length))
-                flushed_s = now_s
-            if not ended and decoder.position >= length:
-                ended = FULL if length == length_max else REACHED
-            elif not ended and now_s > overdue_s:
-                ended = "the probe sent too few samples in the requested time"
-            elif not ended and stopped():
-                ended = STOPPED
-            if ended:
-                break
-            received = opened.next()
-            runs = []
-            if isinstance(received, str):
-                ended = f"the probe was disconnected: {received}"
-            elif received is not None:
-                last_s = received[1]
-                try:
-                    runs = decoder.feed(*received)
-                except CaptureError as error:
-                    ended = str(error)
-    finally:
-        meter.close()
+    while True:
+        for run in runs:
+            counts = run.counts[: max(0, length - run.first)]
+            if len(counts):
+                writer.write(Run(run.first, counts))
+                shown.append(counts)
+        now_s = clock.now_s()
+        if now_s - synced_s >= SYNC_S:
+            writer.sync()
+            synced_s = now_s
+        if now_s - flushed_s >= FLUSH_S:
+            writer.flush()
+            flushed_s = now_s
+        if now_s - shown_s >= LEVEL_S:
+            say(level_line(header, shown, decoder.count, min(decoder.position, length)))
+            shown, shown_s = [], now_s
+        if not ended and decoder.position >= length:
+            ended = FULL if length == length_max else REACHED
+        elif not ended and now_s > overdue_s:
+            ended = "the probe sent too few samples in the requested time"
+        elif not ended and stopped():
+            ended = STOPPED
+        if ended:
+            break
+        received = opened.next()
+        runs = []
+        if isinstance(received, str):
+            ended = f"the probe was disconnected: {received}"
+        elif received is not None:
+            last_s = received[1]
+            try:
+                runs = decoder.feed(*received)
+            except CaptureError as error:
+                ended = str(error)
     count, elapsed_s = decoder.count, last_s - start_s
     writer.end(ended, received=count.received, dropped=count.dropped, torn=count.torn, garbage=count.garbage)
     measured = decoder.position / elapsed_s if elapsed_s >= MEASURED_MIN_S else None

@@ -216,14 +216,14 @@ class JoinResult:
 
 
 def join(
-    paths: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str], *, rates_Hz: Sequence[float] = ()
+    paths: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str], *, rate_Hz: float | None = None
 ) -> JoinResult:
     """Merges recordings of one event by devices with different clocks into one file.
 
     Args:
         paths: two or more recordings in the formats of `load_recording`; an acceleration is not required.
         out: .npz file to write.
-        rates_Hz: sample rates of the files that do not state theirs: one for all, or one for each in order.
+        rate_Hz: sample rate of the files that do not state theirs.
 
     Raises:
         CaptureError: the recordings cannot be read or aligned, or do not overlap.
@@ -233,7 +233,12 @@ def join(
         raise CaptureError(f"{target}: invalid suffix; merged recordings are written as .npz")
     if len({path.absolute() for path in given}) < max(2, len(given)):
         raise CaptureError("expected two or more different files")
-    recordings = _read(given, rates_Hz)
+    recordings = {}
+    for path in given:
+        source = read_recording_source(path)
+        stated = source.rate_Hz is not None or "time" in source.columns
+        with refusing(CaptureError, path):
+            recordings[path] = _sampled(source, None if stated else rate_Hz, path.suffix.lower() == ".wav")
     leader = max(given, key=lambda path: recordings[path].rate_Hz)
     first = recordings.pop(leader)
     offsets = {}
@@ -278,22 +283,6 @@ def resampled(stream: Array, at: Array) -> Array:
     beside = np.floor(at).astype(np.int64).clip(0, len(stream) - 2)
     made[missing[beside] | missing[beside + 1]] = np.nan
     return np.asarray(made)
-
-
-def _read(paths: Sequence[Path], rates_Hz: Sequence[float]) -> dict[Path, SampledStreams]:
-    """Streams of the files with their sample rates."""
-    sources = {path: read_recording_source(path) for path in paths}
-    unstated = [path for path, each in sources.items() if each.rate_Hz is None and "time" not in each.columns]
-    if rates_Hz and len(rates_Hz) not in (1, len(unstated)):
-        raise CaptureError(
-            f"{len(rates_Hz)} sample rates given for {len(unstated)} files without one; expected 1, or 1 per file"
-        )
-    rates = dict(zip(unstated, list(rates_Hz) * len(unstated), strict=False))
-    made = {}
-    for path, source in sources.items():
-        with refusing(CaptureError, path):
-            made[path] = _sampled(source, rates.get(path), path.suffix.lower() == ".wav")
-    return made
 
 
 def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> SampledStreams:

@@ -5,7 +5,6 @@
 | `page` | HTML report on a swatch: `write_report` |
 | `numbers` | comparison of a texture with a recording |
 | `plots` | plots of the report |
-| `states` | plot of the interaction states of a recording |
 | `compare` | perceptual differences between surfaces, in just noticeable differences (JND) |
 """
 

@@ -6,33 +6,21 @@ quantities are assumed not to add up, so the distance is a lower estimate.
 """
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from hapscene import perception
 from hapscene.capture.fit import distance as spectral
 from hapscene.capture.io.streams import Array
-from hapscene.errors import CaptureError, HapsceneError
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
-from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
-from hapscene.swatches.library import library_folder, load_swatch, shipped_swatches
 
-__all__ = [
-    "Comparison",
-    "Difference",
-    "compare",
-    "load_library",
-    "rank",
-    "tap_energy",
-]
+__all__ = ["Comparison", "Difference", "compare", "rank", "tap_energy"]
 
 Verdict = Literal["cannot be distinguished", "can be distinguished", "is clearly different", "cannot be compared"]
 
@@ -59,27 +47,22 @@ class Quantity:
         name: name of the quantity.
         value_unit: unit of the quantity; "1" for dimensionless.
         unit: unit of differences: "dB", or "%" of the mean of both values.
-        jnd: just noticeable difference in that unit.
-        source: source of the JND.
+        jnd: just noticeable difference in that unit; `hapscene.perception` has the sources.
     """
 
     name: str
     value_unit: str
     unit: str
     jnd: float
-    source: str
 
 
-_FRICTION = "Weber fraction 0.11, Gueorguiev et al. 2017"
-_FREQUENCY = "13 to 38 %, Israr et al. 2006: its middle"
-
-LEVEL = Quantity("vibration level", "m/s²", "dB", perception.BAND_DB, "1.65 to 2.98 dB, Israr et al. 2006")
-SPECTRUM = Quantity("vibration spectrum", "", "dB", perception.BAND_DB, "2 dB a band, derived from Israr et al. 2006")
-STATIC = Quantity("static friction", "1", "%", 100.0 * perception.FRICTION, _FRICTION)
-DYNAMIC = Quantity("dynamic friction", "1", "%", 100.0 * perception.FRICTION, _FRICTION)
-COMPLIANCE = Quantity("compliance", "mm/N", "%", 100.0 * perception.COMPLIANCE, "22 %, Tan et al. 1995")
-TAP_LEVEL = Quantity("tap level", "m/s²", "dB", perception.BAND_DB, "1.65 to 2.98 dB, Israr et al. 2006")
-TAP_FREQUENCY = Quantity("tap frequency", "Hz", "%", 100.0 * perception.FREQUENCY, _FREQUENCY)
+LEVEL = Quantity("vibration level", "m/s²", "dB", perception.BAND_DB)
+SPECTRUM = Quantity("vibration spectrum", "", "dB", perception.BAND_DB)
+STATIC = Quantity("static friction", "1", "%", 100.0 * perception.FRICTION)
+DYNAMIC = Quantity("dynamic friction", "1", "%", 100.0 * perception.FRICTION)
+COMPLIANCE = Quantity("compliance", "mm/N", "%", 100.0 * perception.COMPLIANCE)
+TAP_LEVEL = Quantity("tap level", "m/s²", "dB", perception.BAND_DB)
+TAP_FREQUENCY = Quantity("tap frequency", "Hz", "%", 100.0 * perception.FREQUENCY)
 
 
 @dataclass(frozen=True)
@@ -143,24 +126,6 @@ class Comparison:
     def verdict(self) -> Verdict:
         """Verdict on the two surfaces."""
         return "cannot be compared" if self.largest is None else _verdict(self.distance_jnd)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Content for JSON, with units; numbers that are not finite are null."""
-        rows = []
-        for d in self.differences:
-            row = asdict(d.quantity) | {"first": d.first, "second": d.second, "change": d.change}
-            rows.append(row | {"distance_jnd": d.distance_jnd, "verdict": d.verdict})
-        return {
-            "first": self.first,
-            "second": self.second,
-            "verdict": self.verdict,
-            "distance_jnd": _finite(self.distance_jnd),
-            "most_by": None if self.largest is None else self.largest.quantity.name,
-            "differences": [{key: _finite(value) for key, value in row.items()} for row in rows],
-            "skipped": self.skipped,
-            "tools": self.tools,
-            "assumed": self.assumed,
-        }
 
 
 def compare(first: Swatch, second: Swatch) -> Comparison:
@@ -304,39 +269,3 @@ def _verdict(distance_jnd: float) -> Verdict:
     if distance_jnd <= 1.0:
         return "cannot be distinguished"
     return "can be distinguished" if distance_jnd <= CLEAR_JND else "is clearly different"
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swatch], dict[str, str]]:
-    """Loads all swatches of a folder; without a folder, the shipped swatches and the user's library.
-
-    Returns:
-        The swatches, and the errors of files that cannot be read, by file.
-
-    Raises:
-        CaptureError: the folder does not exist or contains no readable swatch.
-    """
-    if folder is None:
-        own, broken = _folder(library_folder())
-        return [load_swatch(name) for name in shipped_swatches()] + own, broken
-    path = Path(folder)
-    if not path.is_dir():
-        raise CaptureError(f"{path}: folder not found; expected a folder of swatches")
-    found, broken = _folder(path)
-    if not found:
-        raise CaptureError(f"{path}: no readable swatch found ({len(broken)} files are invalid)")
-    return found, broken
-
-
-def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
-    """Load the swatches of one folder, as `load_library`; a missing folder gives no swatches."""
-    found, broken = [], {}
-    for file in sorted(path.rglob("*" + SUFFIX)):
-        try:
-            found.append(load_swatch(file))
-        except HapsceneError as error:
-            broken[str(file)] = str(error)
-    return found, broken

@@ -17,7 +17,7 @@ class OrientedBox(Volume):
     """A box in any orientation.
 
     Attributes:
-        X_BK: (4, 4) pose: centre and axes, which may be mirrored.
+        X_BK: (4, 4) pose: centre and axes.
         size_m: (3,) edge lengths [m].
     """
 

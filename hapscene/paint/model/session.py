@@ -19,7 +19,7 @@ from hapscene.paint.model.document import Document, file_hash
 from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.paint.model.regions import OrientedBox
-from hapscene.paint.model.strokes import Brush, Stroke, mirror_images_W
+from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.model.tuning import SwatchTuning
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.region import Sphere, Volume
@@ -133,7 +133,7 @@ class Session:
         Args:
             swatch: swatch to paint with.
             radius_m: radius of the brush [m].
-            more: falloff, opacity, ignore_occlusion, mirrors: see `hapscene.paint.model.strokes.Brush`.
+            more: falloff, opacity, ignore_occlusion: see `hapscene.paint.model.strokes.Brush`.
 
         Raises:
             SceneError: the swatch is unknown, or a setting of the brush is out of range.
@@ -246,27 +246,24 @@ class Session:
         *,
         eye_W_m: ArrayLike | None = None,
         opacity: float = 1.0,
-        mirrors: str = "",
     ) -> int:
         """Paint the inside of a region in one step, cutting faces; returns the number of faces reached.
 
         Args:
             where: description of the region for the user.
-            region_of: returns the region in a frame, given the map (4, 4) from W to it, which may contain a mirror.
+            region_of: returns the region in the frame of a body, given the map (4, 4) from W to that frame.
             swatch: swatch to paint with.
             eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
             opacity: weight of the swatch over the present painting [0, 1].
-            mirrors: axes of each body along which the region is mirrored.
         """
         with self.lock:
             self.painting.begin_step(f"{_verb(swatch)} {where}", swatch)
             count = 0
             for i, body in enumerate(self.scene.bodies):
-                for image in mirror_images_W(body, mirrors):
-                    region = region_of(np.linalg.inv(body.X_WB) @ image)
-                    faces: NDArray[np.integer] = self.shapes[i].near(region)
-                    eye = None if eye_W_m is None else image[:3, :3] @ np.asarray(eye_W_m) + image[:3, 3]
-                    count += self.painting.paint_region(i, region, faces, opacity=opacity, eye_W_m=eye)
+                region = region_of(np.asarray(np.linalg.inv(body.X_WB), np.float64))
+                count += self.painting.paint_region(
+                    i, region, self.shapes[i].near(region), opacity=opacity, eye_W_m=eye_W_m
+                )
             self.painting.end_step()
             return count
 

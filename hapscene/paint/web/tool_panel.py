@@ -27,8 +27,6 @@ TOOL_HINTS: Final = {
 FORCE_N: Final = (0.1, 3.0)
 """Range of the force of the hand [N]: from a light touch to the maximum of the weakest supported device."""
 
-MIRRORS: Final = ("off", "x", "y", "z", "xy", "xz", "yz", "xyz")
-
 
 class ToolPanel:
     """Controls of the tools of a browser; those of the current tool are visible.
@@ -62,8 +60,6 @@ class ToolPanel:
             self._layers = gui.add_dropdown("Show", SHOWS, initial_value=context.view.show, hint=hint)
             self._more = gui.add_folder("More", expand_by_default=False)
             with self._more:
-                hint = "Mirror planes through the centre of the body"
-                self._mirrors = gui.add_dropdown("Mirror", MIRRORS, hint=hint)
                 hint = "Also paint surfaces that are hidden or face away"
                 self._occluded = gui.add_checkbox("Ignore occlusion", tools.ignore_occlusion, hint=hint)
         self._listen()
@@ -104,7 +100,7 @@ class ToolPanel:
         self._margin.visible = name == "box"
         painting = name in (*STROKES, *REGIONS)
         self._falloff.visible = name in STROKES
-        for control in (self._opacity, self._mirrors, self._occluded):
+        for control in (self._opacity, self._occluded):
             control.visible = painting
         self._more.visible = painting
         self._layers.visible = self._context.view.has_look
@@ -123,12 +119,11 @@ class ToolPanel:
 
         def choose(attribute: str, choices: tuple[Any, ...], target: Any) -> None:
             if target.value in choices:
-                setattr(tools, attribute, "" if target.value == MIRRORS[0] else target.value)
+                setattr(tools, attribute, target.value)
 
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
         self._layers.on_update(callback(lambda target: self._context.view.show_layers(target.value)))
-        self._mirrors.on_update(callback(partial(choose, "mirrors", MIRRORS)))
         self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
         self._fill.on_update(callback(partial(choose, "fill", FILLS)))
 

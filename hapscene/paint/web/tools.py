@@ -78,7 +78,7 @@ class Tools:
         name: current tool, one of `TOOLS`.
         chosen: name of the selected swatch.
         radius_m: radius of brush and eraser, and of a box or sphere that is clicked [m].
-        falloff, opacity, ignore_occlusion, mirrors: see `strokes.Brush`; the fill tool does not use them.
+        falloff, opacity, ignore_occlusion: see `strokes.Brush`; the fill tool does not use them.
         fill: area that the fill tool fills, one of `FILLS`.
         angle_rad: angle of a facet [rad].
         margin_m: margin of a box around the two points that span it [m].
@@ -96,7 +96,7 @@ class Tools:
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
         self.margin_m = 0.01 * view.diagonal_m
-        self.falloff, self.opacity, self.ignore_occlusion, self.mirrors = 0.0, 1.0, False, ""
+        self.falloff, self.opacity, self.ignore_occlusion = 0.0, 1.0, False
         self.outline = LassoOutline()
         self.force_N = 1.0
         self.pressed = False
@@ -192,7 +192,7 @@ class Tools:
         self.pressed, self._start, self._last, self._eye_W_m = True, hit, hit, ray[0]
         if self.name in STROKES:
             with self._session.lock:
-                brush = Brush(self.radius_m, self.falloff, self.opacity, self.ignore_occlusion, self.mirrors)
+                brush = Brush(self.radius_m, self.falloff, self.opacity, self.ignore_occlusion)
                 self._stroke = Stroke(self._session.painting, swatch, brush)
                 self._stroke.drag_to(*ray)
             self._marks.show_ring(hit, self.radius_m)
@@ -264,7 +264,7 @@ class Tools:
         """Paint inside the box, the sphere or the outline."""
         if self.name not in REGIONS:
             return
-        more: dict[str, Any] = {"opacity": self.opacity, "mirrors": self.mirrors}
+        more: dict[str, Any] = {"opacity": self.opacity}
         more["eye_W_m"] = None if self.ignore_occlusion else self._eye_W_m
         if self.name == "box":
             count = self._session.fill_box(*self._box(), self.ensure_swatch(), **more)

@@ -8,14 +8,12 @@ from hapscene.capture.fit.segment import (
     LEVEL_S,
     TAP_S,
     InteractionState,
-    Segmentation,
     _mark_bursts,
     noise,
     runs,
     segment,
 )
 from hapscene.capture.io.streams import clean
-from hapscene.capture.report.states import draw_states, write_states
 
 TOLERANCE_S = 0.02
 
@@ -119,15 +117,6 @@ def test_noise_is_estimated_from_the_quietest_windows():
     assert noise(force, 10_000.0) == pytest.approx(0.1 * np.sqrt(100 / 5000), rel=0.4)
 
 
-def test_a_plot_of_the_states(tmp_path, handled_recording):
-    truth = handled_recording(0)
-    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, truth.force_N, truth.speed_m_s, None, truth.depth_m)
-    short = clean(truth.acceleration_m_s2[:6000], truth.rate_Hz)
-    write_states([(channels, segment(channels)), (short, segment(short))], tmp_path / "states.png", ["one", "two"])
-    assert (tmp_path / "states.png").read_bytes().startswith(b"\x89PNG")
-    assert [path.name for path in tmp_path.iterdir()] == ["states.png"]
-
-
 @pytest.mark.parametrize(
     ("start_s", "length_s", "loudest_s", "rest", "tap"),
     [
@@ -152,24 +141,3 @@ def test_brief_bursts_with_a_strong_start_are_taps(rate_Hz, start_s, length_s, l
     _mark_bursts(states, level > 0.0, level, rate_Hz)
     found = np.flatnonzero(states == InteractionState.TAP)
     assert found.tolist() == (list(range(start, start + count)) if tap else [])
-
-
-def test_the_plot_shows_streams_and_thresholds():
-    t = np.arange(20_000) / 10_000.0
-    moved = 1.0 - np.cos(3.0 * t)
-    both = clean(np.sin(500.0 * t), 10_000.0, 0.4 * moved, 0.1 * moved, depth_m=2e-3 * moved)
-    one = clean(np.sin(500.0 * t), 10_000.0, 1.0, 0.1)
-    states = np.zeros(len(t), np.int8)
-    parts = [
-        (both, Segmentation(10_000.0, states, (), 0.25, 0.02)),
-        (one, Segmentation(10_000.0, states, (), None, None)),
-    ]
-    panels, short = (panel.axes for panel in draw_states(parts, ["all", "one"]).subfigs)
-    drawn = {axes.get_ylabel().split("\n")[0]: axes for axes in panels[1:]}
-    assert list(drawn) == ["acceleration", "normal force", "speed", "depth"] and len(short) == 2
-    for name, top, on in (("normal force", 0.8, [0.25]), ("speed", 200.0, [20.0]), ("depth", 4.0, [])):
-        axes = drawn[name]
-        assert axes.collections[-1].get_datalim(axes.transData).y1 == pytest.approx(top, rel=0.01)
-        assert [(text.get_text(), text.xy[1]) for text in axes.texts] == [("on", at) for at in on]
-        assert [line.get_ydata()[0] for line in axes.lines] == on
-    assert panels[-1].get_xlabel() == "time [s]"

@@ -8,7 +8,6 @@ from scipy.signal import welch
 
 from hapscene.capture import synthesize
 from hapscene.capture.fit import distance as spectral
-from hapscene.capture.fit.synthesis import _BATCH, BLOCK_S
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
 from hapscene.surface.gain_modulation import GainModulation
@@ -113,17 +112,6 @@ def test_random_strokes_stay_finite_and_at_their_level(swatch: Swatch) -> None:
     assert np.all(np.isfinite(made))
     if texture.interpolation != "hatt":
         assert abs(10 * np.log10(made.var() / texture.power(force, slip).mean())) < 3.0
-
-
-def test_long_strokes_are_continuous_across_batches() -> None:
-    """The level is continuous at the border between two batches."""
-    block = round(BLOCK_S * 10_000)
-    wood = load_swatch("wood")
-    count = (_BATCH + 40) * block
-    made = synthesize(wood, np.full(count, 2.0), np.full(count, 0.2))
-    seam = _BATCH * block
-    near = made[seam - 20 * block : seam + 20 * block]
-    assert abs(np.diff(made[seam - 1 : seam + 1])[0]) < 5 * np.diff(near).std()
 
 
 def test_a_saved_swatch_gives_the_same_output() -> None:

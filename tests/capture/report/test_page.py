@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,10 +18,7 @@ from hapscene.capture.report.numbers import _correlated, compare_with_recording,
 from hapscene.capture.report.page import _verdict, report, rows, write_report
 from hapscene.capture.report.plots import (
     plot_friction,
-    plot_models,
     plot_plane,
-    plot_spectra,
-    plot_taps,
 )
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import PLAIN, Swatch
@@ -274,52 +270,9 @@ def test_friction_plot(axes) -> None:
     assert "never slides" in plot_friction(swatch, streams, still).caption
 
 
-def test_plot_of_the_models(axes) -> None:
-    force, speed = [1.0, 1.0, 2.0], [0.1, 0.2, 0.1]
-    texture = Texture.from_models(1000.0, force, speed, a=[[1.0, -0.5]] * 3, variance_m2_s4=[3.0, 0.0, 0.75])
-    plot = plot_plane(texture, None)
-    rms = np.sqrt(texture.model_power_m2_s4[[i for i, v in enumerate(texture.variance_m2_s4) if v > 0.0]])
-    assert plot.caption.startswith(f"{len(rms)} models")
-    assert [text.get_text() for text in axes.texts] == [f"{level:.2g} m/s²" for level in rms]
-    active = next(line for line in axes.lines if line.get_label().startswith("model"))
-    at = np.flatnonzero(texture.variance_m2_s4 > 0.0)
-    assert np.array_equal(active.get_xdata(), 1e3 * texture.speed_m_s[at])
-    assert np.array_equal(active.get_ydata(), texture.force_N[at])
-
-
 def test_the_share_of_the_recording_beyond_the_models(axes) -> None:
     models = {"a": [[1.0, -0.5]] * 3, "variance_m2_s4": [1.0] * 3}
     texture = Texture.from_models(1000.0, [1.0, 1.0, 2.0], [0.1, 0.2, 0.1], **models)
     force = np.repeat([0.01, 1.0, 3.0], [500, 300, 100])
     plot = plot_plane(texture, Streams(1000.0, np.zeros(900), force, np.full(900, 0.1), np.zeros(900)))
     assert "25 % of the recording is beyond" in plot.caption
-
-
-def test_axes_of_a_spectrum(axes) -> None:
-    """20 to 1000 Hz, with a margin of 3 dB."""
-    frequency = np.geomspace(5.0, 5000.0, 200)
-    levels = -40.0 - 20.0 * np.log10(frequency / 20.0) + np.array([[0.0], [4.0], [-6.0]])
-    fitted, other, model = 10.0 ** (levels / 10.0)
-    plot_spectra(SimpleNamespace(frequency_Hz=frequency, fitted=fitted, held_out=other, model=model, distance_dB=1.0,
-                                 floor_dB=1.0))  # fmt: skip
-    assert axes.get_xlim() == (20.0, 1000.0)
-    assert [text.get_text() for text in axes.get_xticklabels()] == ["20", "50", "100", "200", "500", "1000"]
-    assert axes.get_xticks().tolist() == [20, 50, 100, 200, 500, 1000] and not len(axes.get_xticks(minor=True))
-    visible = levels[:, (frequency >= 20.0) & (frequency <= 1000.0)]
-    assert axes.get_ylim() == pytest.approx((visible.min() - 3.0, visible.max() + 3.0))
-
-
-def test_silent_models_do_not_change_the_axes(axes) -> None:
-    force, speed = [0.5, 1.0, 0.5, 1.0], [0.1, 0.1, 0.2, 0.2]
-    texture = Texture.from_models(2000.0, force, speed, a=[[1.0, -0.5]] * 4, variance_m2_s4=[0.0, 1.0, 1.0, 1.0])
-    plot_models(texture)
-    levels = np.array([line.get_ydata() for line in axes.lines])
-    assert levels[0].max() == -300.0
-    assert axes.get_ylim() == pytest.approx((levels[1:].min() - 3.0, levels[1:].max() + 3.0))
-
-
-def test_plot_of_taps_with_intervals(axes) -> None:
-    plot_taps(TAPS, {"taps.amplitude_m_s2[1]": (1.0, 30.0), "taps.decay_1_s[0]": (5.0, 61.0)})
-    assert [panel.get_ylim() for panel in axes.figure.axes] == [(0.0, 1.2 * top) for top in (30.0, 150.0, 61.0)]
-    assert [panel.get_ylabel().split("\n")[0] for panel in axes.figure.axes] == ["amplitude", "frequency", "decay"]
-    assert axes.figure.axes[-1].get_xlabel() == "approach speed [mm/s]"
