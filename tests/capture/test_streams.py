@@ -85,3 +85,18 @@ def test_a_part_contains_all_streams() -> None:
         for name in ("acceleration_m_s2", "force_N", "speed_m_s", "depth_m"):
             assert np.array_equal(getattr(cut, name), getattr(whole, name)[part])
         assert cut.tangential_force_N is None
+
+
+def test_optional_streams_are_kept() -> None:
+    streams = clean(NOISE, RATE_HZ, 1.0, 0.1, grip_force_N=5.0)
+    assert streams.grip_force_N is not None and np.all(streams.grip_force_N == 5.0)
+    assert streams.torque_Nm is None and streams.contact_angle_rad is None
+
+
+def test_the_contact_angle_is_a_magnitude_in_radians() -> None:
+    tilt = 0.3 * np.sin(np.arange(len(NOISE)) / 300.0)
+    streams = clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=tilt)
+    assert streams.contact_angle_rad is not None
+    np.testing.assert_allclose(streams.contact_angle_rad, np.abs(tilt), atol=0.01)
+    with pytest.raises(CaptureError, match="contact angle"):
+        clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=np.degrees(tilt))

@@ -8,6 +8,7 @@ import pytest
 
 from hapscene.cli import main
 from hapscene.cli.capture import _remembered
+from hapscene.surface.swatch_summary import lines
 from hapscene.swatches.library import load_swatch
 
 UNITS = "acceleration=m/s2,speed=mm/s,force=N"
@@ -182,15 +183,21 @@ def test_invalid_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.nightly
 def test_tool_and_tip_are_stored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording = str(write(tmp_path / "a.csv"))
-    options = ["--rate", "2000", "--units", UNITS, "--columns", "acceleration=accel", "--order", "4"]
+    table = np.loadtxt(write(tmp_path / "a.csv"), delimiter=",", skiprows=1)
+    more = np.stack([np.linspace(3.0, 8.0, len(table)), np.linspace(0.0, 25.0, len(table))], axis=1)
+    head = "speed,force,acceleration,friction,grip_force,contact_angle"
+    np.savetxt(tmp_path / "b.csv", np.hstack([table, more]), delimiter=",", header=head, comments="")
+    options = ["--rate", "2000", "--units", f"{UNITS},grip_force=N,contact_angle=deg", "--order", "4"]
     oak = tmp_path / "oak.swatch"
-    assert run(recording, "-o", str(oak), "--tool", "steel probe", "--tip", "3.2 mm ball", *options) == 0
+    words = [str(tmp_path / "b.csv"), "-o", str(oak), "--tool", "steel probe", "--tip", "3.2 mm ball", *options]
+    assert run(*words) == 0
     output = capsys.readouterr().out
-    assert "steel probe" in output and "3.2 mm ball" in output
+    for text in ("steel probe", "3.2 mm ball", "grip force 3.25 to 7.75 N, contact angle 1.25"):
+        assert text in output
     swatch = load_swatch(oak)
     assert (swatch.tool, swatch.tip) == ("steel probe", "3.2 mm ball")
+    assert "contact angle 1.25 to 23.7°." in "".join(lines(swatch))
     page = tmp_path / "oak.html"
-    assert main(["capture", "report", str(oak), recording, "-o", str(page)]) == 0
+    assert main(["capture", "report", str(oak), str(tmp_path / "b.csv"), "-o", str(page), *options[:4]]) == 0
     shown = page.read_text(encoding="utf-8")
-    assert "<dd>3.2 mm ball</dd>" in shown and "friction" in shown
+    assert "<dd>3.2 mm ball</dd>" in shown and "friction" in shown and "grip force, contact angle" in shown

@@ -110,7 +110,8 @@ def prepare(recording: SurfaceRecording) -> SegmentedRecording:
     del recording  # so that `clean` can free streams that the caller does not hold
     channels = clean(
         r.pop("acceleration_m_s2"), r["rate_Hz"], r.pop("force_N"), r.pop("speed_m_s"), r.pop("tangential_force_N"),
-        r.pop("depth_m"),
+        r.pop("depth_m"), torque_Nm=r.pop("torque_Nm"), grip_force_N=r.pop("grip_force_N"),
+        contact_angle_rad=r.pop("contact_angle_rad"),
     )  # fmt: skip
     return channels, segment(channels)
 
@@ -129,6 +130,7 @@ def fit_recordings(recordings: Sequence[SegmentedRecording], options: FitOptions
     if options.order != "auto" and options.order > (most := int(WINDOW_S * min(rates) / 2)):
         raise CaptureError(f"order is {options.order}; expected at most {most} at {min(rates):g} Hz")
     friction, taps, contact = fit_friction(recordings), fit_taps(recordings), fit_contact(recordings)
+    ranges = recorded_ranges(recordings)
     intervals = friction.intervals | taps.intervals | contact.intervals
     absent = friction.absent | taps.absent | contact.absent
     numbers: dict[str, Any] = dict(contact.numbers)
@@ -163,12 +165,40 @@ def fit_recordings(recordings: Sequence[SegmentedRecording], options: FitOptions
         texture=texture,
         taps=taps.taps,
         leaving=contact.leaving,
-        provenance=friction.note,
+        provenance=" ".join(filter(None, (friction.note, ranges and f"Recorded with {ranges}."))),
         tool=options.tool,
         tip=options.tip,
         intervals=intervals,
         absent=absent,
     )
+
+
+def recorded_ranges(recordings: Sequence[SegmentedRecording]) -> str:
+    """Describes the ranges of grip force, contact angle and torque during sliding; empty if they were not recorded."""
+    ranges = []
+    for name, (word, scale, unit) in RANGES.items():
+        found = []
+        for channels, states in recordings:
+            stream = getattr(channels, name)
+            if stream is not None:
+                runs = states.runs(InteractionState.SLIDING) or [(0, len(stream))]
+                found += [scale * stream[slice(*run)] for run in runs]
+        if found:
+            low, high = np.quantile(np.concatenate(found), RANGE_QUANTILES)
+            ends = dict.fromkeys((f"{low:.3g}", f"{high:.3g}"))
+            ranges.append(f"{word} {' to '.join(ends)} {unit}".replace(" °", "°"))
+    return ", ".join(ranges)
+
+
+RANGES: Final = {
+    "grip_force_N": ("grip force", 1.0, "N"),
+    "contact_angle_rad": ("contact angle", 180.0 / np.pi, "°"),
+    "torque_Nm": ("torque", 1e3, "mN·m"),
+}
+"""Name, scale and unit of the streams to which no model is fitted."""
+
+RANGE_QUANTILES: Final = (0.05, 0.95)
+"""Quantiles at the ends of a range [1]."""
 
 
 class _NoSliding(CaptureError):

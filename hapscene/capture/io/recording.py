@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.capture.io.formats import AXES, VALUE_MAX, RecordingSource, check_range, read_recording_source
-from hapscene.capture.io.streams import ACCELERATION_MAX_M_S2, Array, fill_missing, filtered, speed_of
+from hapscene.capture.io.streams import ACCELERATION_MAX_M_S2, Array, direction_of, fill_missing, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.io.files import check_memory, refusing
 from hapscene.io.number_files import TOO_MUCH
@@ -88,8 +88,11 @@ def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
     return made[hop : hop + count]
 
 
-VECTORS: Final = ("acceleration", "position", "tangential_force")
-"""Quantities with up to three columns, joined by "+" or with the suffixes _x, _y, _z."""
+QUATERNION: Final = "orientation"
+"""Quantity with four columns, joined by "+" or with the suffixes _w, _x, _y, _z."""
+
+VECTORS: Final = ("acceleration", "position", "tangential_force", "torque", QUATERNION)
+"""Quantities with up to three columns, joined by "+" or with the suffixes _x, _y, _z; and `QUATERNION`."""
 
 UNEVEN_MAX: Final = 0.1
 """Largest relative deviation of a time step from the mean step for times to count as evenly spaced [1]."""
@@ -110,6 +113,10 @@ WORDS: Final = {
     "speed_m_s": "speed",
     "tangential_force_N": "tangential force",
     "depth_m": "depth",
+    "torque_Nm": "torque",
+    "grip_force_N": "grip force",
+    "contact_angle_rad": "contact angle",
+    "direction_rad": "direction",
 }
 """Names of the streams other than the acceleration, for messages."""
 
@@ -118,8 +125,9 @@ WORDS: Final = {
 class SurfaceRecording:
     """A recording of a tool on a surface: streams in SI units, (n,) each; None for streams that were not recorded.
 
-    `load_recording` combines three axes of acceleration by DFT321, and computes the speed from positions and the
-    tangential force, which is a magnitude, from a friction ratio.
+    `load_recording` combines three axes of acceleration by DFT321, computes speed and direction from positions, the
+    tangential force from a friction ratio, and the contact angle from an orientation. Tangential force and torque are
+    magnitudes.
     """
 
     rate_Hz: float
@@ -130,6 +138,12 @@ class SurfaceRecording:
     depth_m: Array | None = None
     bridged: Mapping[str, int] = field(default_factory=dict)
     """number of interpolated samples in each column that had missing samples"""
+    torque_Nm: Array | None = field(default=None, kw_only=True)
+    grip_force_N: Array | None = field(default=None, kw_only=True)
+    contact_angle_rad: Array | None = field(default=None, kw_only=True)
+    """angle between the axis of the tool and the surface normal; 0 if the tool is upright"""
+    direction_rad: Array | None = field(default=None, kw_only=True)
+    """direction of sliding"""
 
     def __repr__(self) -> str:
         held = ", ".join(name for name in WORDS if getattr(self, name) is not None) or "nothing"
@@ -217,19 +231,56 @@ class _Reader:
 
 def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> SurfaceRecording:
     """Computes the streams of the recording from the chosen quantities."""
-    force, speed, friction, depth = (
-        reader.rows(name)[0] if name in chosen else None for name in ("force", "speed", "friction", "depth")
-    )
-    if speed is None and "position" in chosen:
-        speed = speed_of(reader.rows("position"), rate_Hz)
-    tangential = None
+    single = {name: reader.rows(name)[0] for name in _SINGLE if name in chosen}
+    force, speed, angle = (single.get(name) for name in ("force", "speed", "contact_angle"))
+    direction, tangential, torque = single.get("direction"), None, None
+    if "position" in chosen and (speed is None or direction is None):
+        place = reader.rows("position")
+        speed = speed_of(place, rate_Hz) if speed is None else speed
+        if direction is None and len(place) > 1:
+            direction = direction_of(place[0], place[1], rate_Hz)
+    if angle is None and QUATERNION in chosen:
+        angle = tilt(reader.rows(QUATERNION))
+    if "torque" in chosen:
+        torque = _magnitude(reader.rows("torque"))
     if "tangential_force" in chosen:
-        axes = reader.rows("tangential_force")
-        tangential = axes[0] if len(axes) == 1 else np.asarray(np.sqrt(sum(axis**2 for axis in axes)))
-    elif friction is not None and force is not None:
-        tangential = friction * force
-    acceleration = one_axis(reader.rows("acceleration"), rate_Hz)
-    return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, depth, bridged=reader.bridged)
+        tangential = _magnitude(reader.rows("tangential_force"))
+    elif "friction" in single and force is not None:
+        tangential = single["friction"] * force
+    return SurfaceRecording(
+        rate_Hz,
+        one_axis(reader.rows("acceleration"), rate_Hz),
+        force,
+        speed,
+        tangential,
+        single.get("depth"),
+        bridged=reader.bridged,
+        torque_Nm=torque,
+        grip_force_N=single.get("grip_force"),
+        contact_angle_rad=angle,
+        direction_rad=direction,
+    )
+
+
+_SINGLE: Final = ("force", "speed", "friction", "depth", "grip_force", "contact_angle", "direction")
+
+
+def _magnitude(axes: list[Array]) -> Array:
+    """Magnitude (n,) of the axes of a vector; a single axis is returned unchanged."""
+    return axes[0] if len(axes) == 1 else np.asarray(np.sqrt(sum(axis**2 for axis in axes)))
+
+
+def tilt(quaternion: list[Array]) -> Array:
+    """Angle (n,) [rad], 0 to π/2, by which quaternions w, x, y, z (n,) tilt the z axis.
+
+    Raises:
+        CaptureError: a quaternion has length 0.
+    """
+    square = sum(part**2 for part in quaternion)
+    if not np.all(np.asarray(square) > 0.0):
+        raise CaptureError("orientation: invalid quaternion of four zeros; expected a quaternion of length 1")
+    _, x, y, _ = quaternion
+    return np.asarray(np.arccos(np.minimum(np.abs(1.0 - 2.0 * (x**2 + y**2) / square), 1.0)))
 
 
 def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
@@ -265,8 +316,9 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
         if quantity in names or axes:
             chosen[quantity] = [quantity] if quantity in names else axes
     for quantity, parts in chosen.items():
-        if len(parts) > max(1, len(_axes(quantity))):
+        if len(parts) > max(1, len(_axes(quantity))) or (quantity == QUATERNION and len(parts) < 4):
             expected = "at most three columns" if quantity in VECTORS else "one column"
+            expected = "four columns: w, x, y, z" if quantity == QUATERNION else expected
             raise CaptureError(f"{quantity}: {'+'.join(parts)!r} names {len(parts)} columns; expected {expected}")
     numbered = names in (["1"], ["1", "2", "3"] if wave else [])
     if "acceleration" not in chosen and numbered:
@@ -282,7 +334,7 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
 
 def _axes(quantity: str) -> tuple[str, ...]:
     """Column suffixes of a vector quantity; empty for a scalar."""
-    return AXES if quantity in VECTORS else ()
+    return ("w", *AXES) if quantity == QUATERNION else AXES if quantity in VECTORS else ()
 
 
 def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
@@ -298,7 +350,7 @@ def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mappi
     unknown = [name for name in given if name not in UNITS]
     if unknown:
         raise CaptureError(f"unknown quantity {unknown[0]!r} in units; expected one of: {', '.join(UNITS)}")
-    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s"}.get(quantity)
+    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s", QUATERNION: "1"}.get(quantity)
     if unit is None:
         example = next(iter(UNITS[quantity]))
         raise CaptureError(

@@ -22,6 +22,7 @@ __all__ = [
     "Streams",
     "blocks",
     "clean",
+    "direction_of",
     "fill_missing",
     "filtered",
     "high_pass_gain",
@@ -66,6 +67,10 @@ class Streams:
     """names of the streams that were assumed instead of recorded"""
     speed_rest_m_s: float = 0.0
     """measured speed at rest; the noise of a magnitude has a mean above 0"""
+    torque_Nm: Array | None = None
+    grip_force_N: Array | None = None
+    contact_angle_rad: Array | None = None
+    """angle between the axis of the tool and the surface normal; 0 if the tool is upright"""
 
 
 def clean(
@@ -75,11 +80,15 @@ def clean(
     speed_m_s: ArrayLike | None = None,
     tangential_force_N: ArrayLike | None = None,
     depth_m: ArrayLike | None = None,
+    *,
+    torque_Nm: ArrayLike | None = None,
+    grip_force_N: ArrayLike | None = None,
+    contact_angle_rad: ArrayLike | None = None,
 ) -> Streams:
     """High-pass filters the acceleration at 20 Hz and low-pass filters the other streams at 100 Hz, without delay.
 
     Force and speed may be a single number for the whole recording, or None for `ASSUMED_FORCE_N` and
-    `ASSUMED_SPEED_M_S`. Depth is positive inside the surface.
+    `ASSUMED_SPEED_M_S`. Depth is positive inside the surface. The sign of the contact angle is ignored.
 
     Raises:
         CaptureError: a stream is too short, constant, not finite, not real or out of range; the sample rate is too low;
@@ -90,8 +99,13 @@ def clean(
     count = len(high)
     force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
-    others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m}
+    others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m, "torque_Nm": torque_Nm}
+    others |= {"grip_force_N": grip_force_N, "contact_angle_rad": contact_angle_rad}
     low = {n: None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items()}
+    if (tilt := low["contact_angle_rad"]) is not None:
+        low["contact_angle_rad"] = tilt = np.abs(tilt)
+        if (most := float(tilt.max())) > np.pi:
+            raise CaptureError(f"the contact angle reaches {most:.4g} rad; expected at most π: check its unit")
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
     slow = np.abs(_low_passed(speed, rate_Hz))
     rest_m_s = _rest_level(speed, slow, rate_Hz)
@@ -177,6 +191,11 @@ def fill_missing(stream: Array) -> int:
     return len(gaps)
 
 
+def _can_filter(position_m: Array, rate_Hz: float) -> bool:
+    """Whether positions (n,) have enough samples and a sample rate high enough for the low-pass."""
+    return rate_Hz > 4.0 * HAND_CUTOFF_HZ and len(position_m) >= 0.1 * rate_Hz
+
+
 def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     """Speed (n,) [m/s] of positions (k, n) along k axes, by a 100 Hz low-pass and central differences.
 
@@ -186,7 +205,7 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     Raises:
         CaptureError: the sample rate is too low or the positions are too few for the low-pass.
     """
-    if not (rate_Hz > 4.0 * HAND_CUTOFF_HZ and len(position_m[0]) >= 0.1 * rate_Hz):
+    if not _can_filter(position_m[0], rate_Hz):
         raise CaptureError(
             f"{len(position_m[0])} positions at {rate_Hz:g} Hz give no speed; expected at least 0.1 s at more "
             f"than {4.0 * HAND_CUTOFF_HZ:g} Hz"
@@ -195,6 +214,14 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     for axis in position_m:
         square += np.gradient(_low_passed(axis, rate_Hz), 1.0 / rate_Hz) ** 2
     return np.asarray(np.sqrt(square, out=square))
+
+
+def direction_of(x_m: Array, y_m: Array, rate_Hz: float) -> Array | None:
+    """Direction (n,) [rad] of motion from x towards y; None if the positions are too few or too slow for a speed."""
+    if not _can_filter(x_m, rate_Hz):
+        return None
+    slope = [np.gradient(_low_passed(axis, rate_Hz)) for axis in (y_m, x_m)]
+    return np.asarray(np.arctan2(*slope))
 
 
 def high_pass_gain(size: int, rate_Hz: float) -> Array:
