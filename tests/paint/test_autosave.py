@@ -1,4 +1,4 @@
-"""Autosave: after a kill, work up to the last write is offered for recovery once."""
+"""Autosave: after a kill, work up to the last write is offered for recovery once, with its undo steps."""
 
 import os
 import re
@@ -35,20 +35,57 @@ def killed(path):
     return session
 
 
-def test_recovery_is_one_step(killed, path) -> None:
-    killed.painting.begin_step("unfinished", 0)
-    killed.painting.paint_faces(0, np.arange(700, 800))
+def test_recovery_has_the_undo_steps(killed, path) -> None:
+    def paint() -> list[np.ndarray]:
+        return [body.face_swatch.copy() for body in session.scene.bodies]
+
+    session = killed
+    states = [paint()]
+    for _ in range(2):
+        session.fill_body("plate", len(states) - 1)
+        states.append(paint())
+    session.painting.begin_step("unfinished", 0)
+    session.painting.paint_faces(0, np.arange(700, 800))
+    last = paint()
     killed.document.autosave.write()
+    names = [step.what for step in killed.history.done if step.faces]
+
     session = Session.open(path)
-    start = [body.face_swatch.copy() for body in session.scene.bodies]
+    start = paint()
     session.document.recover(session.document.recovery())
-    for mine, theirs in zip(session.scene.bodies, killed.scene.bodies, strict=True):
-        np.testing.assert_array_equal(mine.face_swatch, theirs.face_swatch)
+    np.testing.assert_equal(paint(), last)
     assert session.document.changed and session.scene.swatch_source[-1] is None
+    assert [step.what for step in session.history.done] == ["recovered painting", *names, "recovered painting"]
+    session.undo()
+    for state in reversed(states):
+        np.testing.assert_equal([paint()[1], paint()[0][800:]], [state[1], state[0][800:]])
+        session.undo()
+    session.undo()
+    np.testing.assert_equal(paint(), start)
+    assert len(session.scene.swatches) == 2
+
+
+@pytest.mark.parametrize("steps", [b"", b"{}", b'{"scene": "0", "steps": []}', b"[", b"\xff"])
+def test_recovery_without_readable_steps_is_one_step(killed, path, steps) -> None:
+    session = Session.open(path)
+    recovery = session.document.recovery()
+    recovery.file.with_name("steps.json").write_bytes(steps)
+    session.document.recover(recovery)
+    np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, killed.scene.bodies[0].face_swatch)
     assert [step.what for step in session.history.done] == ["recovered painting"]
     session.undo()
-    np.testing.assert_equal([body.face_swatch for body in session.scene.bodies], start)
     assert len(session.scene.swatches) == 2
+
+
+def test_steps_before_saving_are_not_recovered(killed, path) -> None:
+    killed.document.autosave._lock.acquire()
+    killed.save()
+    killed.fill_body("plate", 0)
+    killed.document.autosave.write()
+    killed.document.autosave._lock.release()
+    session = Session.open(path)
+    session.document.recover(session.document.recovery())
+    assert [step.what for step in session.history.done if step.faces] == [killed.history.done[-1].what]
 
 
 def test_recovery_refuses_another_scene(killed, path) -> None:

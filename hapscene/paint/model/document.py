@@ -8,12 +8,14 @@ user recovers or discards them.
 """
 
 import hashlib
+import json
 import os
 import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +24,7 @@ from typing import Final, NamedTuple
 from filelock import FileLock, Timeout
 
 from hapscene.errors import SaveConflict, SceneError
+from hapscene.paint.model.history import Step, pack_steps, unpack_steps
 from hapscene.paint.model.painting import Painting
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import save_mesh
@@ -37,7 +40,8 @@ LOCK_WAIT_S: Final = 0.2
 """Longest wait of the autosave for the lock of the scene [s]; it tries again in the next period."""
 
 LOCK: Final = "lock"
-"""Name of the lock file in the autosave folder."""
+STEPS: Final = "steps.json"
+"""Names of files in the autosave folder, and in that of a process."""
 
 
 def file_hash(path: Path) -> str:
@@ -115,6 +119,18 @@ class Recovery:
                 scene.swatch_source[i] = None
         return scene
 
+    def before(self, scene: Scene) -> tuple[Scene, list[Step]]:
+        """The loaded scene before its last steps, and these steps; without steps if they belong to another state."""
+        try:
+            packed = json.loads((self.file.with_name(STEPS)).read_bytes())
+            steps = unpack_steps(packed["steps"]) if packed["scene"] == file_hash(self.file) else []
+            earlier = scene.copy()
+            for delta in (delta for step in reversed(steps) for delta in reversed(step.faces)):
+                delta.apply(earlier.bodies[delta.body], undo=True)
+            return earlier, steps
+        except (OSError, ValueError, TypeError, LookupError, zlib.error):
+            return scene, []
+
     def discard(self) -> None:
         """Delete the autosaved scene."""
         shutil.rmtree(self.file.parent, ignore_errors=True)
@@ -186,10 +202,11 @@ def _lock(folder: Path) -> FileLock | None:
 
 
 class Snapshot(NamedTuple):
-    """A copy of the scene to autosave, None if everything is saved; and a value for its state."""
+    """A copy of the scene to autosave, None if everything is saved; a value for its state; the steps since saving."""
 
     scene: Scene | None
     state: object
+    steps: Sequence[Step] = ()
 
 
 class Autosave:
@@ -262,6 +279,8 @@ class Autosave:
                 else:
                     self._keep_meshes(snapshot.scene)
                     snapshot.scene.save(self.file)
+                    steps = {"scene": file_hash(self.file), "steps": pack_steps(snapshot.steps)}
+                    self.file.with_name(STEPS).write_text(json.dumps(steps), encoding="utf-8")
                 self._written, self.problem = snapshot.state, None
             except Exception as error:  # any failure: the thread must survive to try again
                 self.problem = f"autosave failed: {error}"
@@ -374,7 +393,7 @@ class Document:
         return find_recovery(self.path) if self.path is not None else None
 
     def recover(self, recovery: Recovery) -> str:
-        """Restore unsaved work in one step, which can be undone. Returns a description.
+        """Restore unsaved work in one step, followed by its last steps; all can be undone. Returns a description.
 
         The recovered files are removed once the work is autosaved here; until then it is offered again.
 
@@ -383,7 +402,10 @@ class Document:
         """
         scene = recovery.load()
         try:
-            what = self._painting.take_painting(scene, "recovered painting")
+            earlier, steps = recovery.before(scene)
+            what = self._painting.take_painting(earlier, "recovered painting")
+            self._painting.replay(steps)
+            self._painting.take_painting(scene, what)  # also what an unfinished stroke had painted
         except SceneError as error:
             raise SceneError(f"{recovery.file}: {error}") from None
         if self.autosave is not None and self.autosave.write():
@@ -443,6 +465,7 @@ class Document:
         try:
             if not self.changed:
                 return Snapshot(None, None)
-            return Snapshot(self._painting.snapshot(), self._painting.state)
+            steps = [step for step in self._painting.history.done if step.number > self._saved[0]]
+            return Snapshot(self._painting.snapshot(), self._painting.state, steps)
         finally:
             self._painting.lock.release()

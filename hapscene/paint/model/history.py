@@ -1,6 +1,8 @@
 """Undo history: compressed differences of faces, swatches and bodies before and after each step."""
 
 import zlib
+from base64 import b64decode, b64encode
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -22,7 +24,9 @@ __all__ = [
     "SwatchState",
     "columns_of",
     "face_count_text",
+    "pack_steps",
     "subface_hashes",
+    "unpack_steps",
 ]
 
 Paint = tuple[NDArray[np.int16], FinePaint | None]
@@ -34,6 +38,9 @@ BYTES_MAX: Final = 64 * 1024 * 1024
 
 STEP_MAX: Final = 10_000
 """Largest number of steps that can be undone [count]; limits steps with swatches, whose memory is not counted."""
+
+PACKED_BYTES: Final = 4_000_000
+"""Limit of the steps that are autosaved [bytes]; they are written again with every autosave."""
 
 STEP_BYTES: Final = 500
 """Memory of a step without its faces [bytes]."""
@@ -199,6 +206,27 @@ class Step:
     def size(self) -> int:
         """Memory [bytes]."""
         return STEP_BYTES + sum(delta.size for delta in self.faces) + sum(delta.size for delta in self.bodies)
+
+
+def pack_steps(steps: Sequence[Step]) -> list[Any]:
+    """The newest steps as JSON, back to one that changes bodies or parameters; swatches that they add are left out."""
+    found: list[Any] = []
+    size = 0
+    for step in reversed(steps):
+        size += step.size
+        if size > PACKED_BYTES or step.bodies or any(d.old is not None or d.new is None for d in step.swatches):
+            break
+        packed = [(d.body, d.count, *(b64encode(b).decode() for b in (d.packed, *d.subfaces))) for d in step.faces]
+        found[:0] = [(step.what, packed)] if packed else []
+    return found
+
+
+def unpack_steps(packed: list[Any]) -> list[Step]:
+    """Reverse `pack_steps`."""
+    return [
+        Step(what, faces=tuple(FaceDelta(i, b64decode(a), n, (b64decode(b), b64decode(c))) for i, n, a, b, c in faces))
+        for what, faces in packed
+    ]
 
 
 def face_count_text(count: int) -> str:

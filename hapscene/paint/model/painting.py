@@ -435,6 +435,13 @@ class Painting:
             else:
                 self.history.add(step)
 
+    def replay(self, steps: Sequence[Step]) -> None:
+        """Do steps of an earlier session again."""
+        with self.lock:
+            for step in steps:
+                self._apply(step)
+                self.history.add(step)
+
     def take_painting(self, scene: Scene, what: str) -> str:
         """Take over the painting, the swatches and the bodies of another state of this scene, in one step.
 
