@@ -60,6 +60,8 @@ class PaintableMesh:
         self._ray, self._fronts = new_ray(), fronts_only()
         self.welded = weld(mesh.vertices_m)
         self.reach_m = np.linalg.norm(self.corner_m - self.centroid_m[:, None], axis=2).max(axis=1)
+        self._usual_m = 4.0 * float(np.median(self.reach_m))
+        self._large = np.flatnonzero(self.reach_m > self._usual_m)  # tested one by one, so that balls stay small
         self._tree = cKDTree(self.centroid_m, compact_nodes=False, balanced_tree=False)  # four times faster to build
         self.pairs, self._bend_rad = self._edges()
         self.search = search.result()
@@ -97,8 +99,8 @@ class PaintableMesh:
         """
         middle_m = (points_B_m.min(axis=0) + points_B_m.max(axis=0)) / 2
         half_m = float(np.linalg.norm(points_B_m - middle_m, axis=1).max())
-        ball_m = half_m + radius_m + float(self.reach_m.max())
-        near = np.array(sorted(self._tree.query_ball_point(middle_m, ball_m)), np.int64)
+        around = self._tree.query_ball_point(middle_m, half_m + radius_m + self._usual_m)
+        near = np.union1d(np.array(around, np.int64), self._large)
         near = near[Tube(points_B_m, radius_m).distance_m(self.centroid_m[near]) < self.reach_m[near]]
         turned = self.normal[near] @ self.normal[np.unique(faces)].T
         facing = (turned >= math.cos(FACING_RAD)).any(axis=1) | ~self.normal[near].any(axis=1)
