@@ -20,9 +20,6 @@ PAPER: Final = (
     "Surfaces”, International Symposium on Robotics Research 2009 (Springer Tracts in Advanced Robotics 70, 2011)"
 )
 
-NUMBERS_OPEN: Final = 14
-"""Longest table of numbers that is not folded [rows]."""
-
 CONDITIONS: Final = (
     (
         "Figs. 4, 5",
@@ -156,7 +153,7 @@ def table_of_numbers(results: Mapping[str, FigureResult]) -> str:
 
 
 def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
-    """Add numbers as a table, each with the figure that it belongs to; a long table is folded in HTML."""
+    """Add numbers as a table, each with the figure that it belongs to."""
     cells: list[tuple[str, ...]] = []
     compared, noted = any(n.paper is not None for _, n in rows), any(n.note for _, n in rows)
     for figure, n in rows:
@@ -168,8 +165,7 @@ def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
     head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows; other differences")
     if not compared:
         head = ("quantity", "here", "note")[: None if noted else -1]
-    folded = len(rows) > NUMBERS_OPEN and not rows[0][0]
-    page.table(head, cells, f"{len(rows)} numbers" if folded else "")
+    page.table(head, cells)
 
 
 def _assumed() -> dict[str, str]:

@@ -23,7 +23,6 @@ from hapscene_evidence.bench.case import (
     sphere_cases,
 )
 from hapscene_evidence.bench.crowd import SPACING_M, grid
-from hapscene_evidence.bench.order import swatch_of_order
 from hapscene_evidence.bench.sheet import Sheet, spread
 from hapscene_evidence.bench.surface_fit import measure_fit
 from hapscene_evidence.bench.tick_time import (
@@ -33,6 +32,7 @@ from hapscene_evidence.bench.tick_time import (
     measure_effects,
     measure_harness,
     measure_tick,
+    swatch_of_order,
 )
 
 (CASE,) = sphere_cases((2,), 400)
