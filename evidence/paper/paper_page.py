@@ -43,6 +43,12 @@ CONDITIONS: Final = (
         "the compensator knows the handle's parameters, and the latency is removed, exactly",
     ),
     (
+        "bands",
+        "motion of 8 to 10 Hz, vibration up to 1000 Hz (Section 2); handle from 20 to 1000 Hz (Section 4, Our Approach)",
+        "force at 1 kHz, acceleration from 20 to 1000 Hz at 10 kHz",
+        "nothing",
+    ),
+    (
         "ratings",
         "people tap on a spring-based wall without and with transients; 7 is a real wooden block (Section 2)",
         "taps on the swatch of wood, rendered by the handle in 12 simulated grips",
@@ -70,20 +76,23 @@ NOT_REPRODUCED: Final = (
     ("Fig. 8", "real teleoperation, its phase lag and underactuation"),
     (
         "Section 1",
-        "changes of a surface over time: `hapscene swatch compare` compares two swatches, no series is recorded",
+        "changes of a surface over time: `hapscene swatch compare` compares two swatches, no series is recorded; "
+        "insights for the hands of robots",
     ),
     (
         "Section 2",
-        "motion of the object; ratings by people; a public online database (`hapscene swatch publish` writes it)",
+        "touch by the fingertip, which the paper leaves out, too; motion of the object; torques (stored, not fitted); "
+        "ratings by people; a public online database (`hapscene swatch publish` writes it)",
     ),
     (
         "Section 3",
         "models of contact angle, hand configuration and grip force; of transitions between contact states, only taps, "
-        "leaving and breakaway are fitted",
+        "leaving and breakaway are fitted; a physical model of tapping",
     ),
     (
         "Sections 3, 4, Prior Work",
-        "methods of other authors: automatic probes, bump maps, displacement control of a stylus",
+        "methods of other authors: automatic probes, sums of cosines, look-up tables, bump maps, displacement control "
+        "of a stylus",
     ),
     (
         "Section 4",
@@ -98,8 +107,8 @@ def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
     """Return the page without the sections of the figures."""
     page = Page("The haptography paper, reproduced")
     page.text(
-        f"{PAPER}. Each number of the paper is given with its place in it. Made by `hapscene lab reproduce` on "
-        f"{datetime.date.today().isoformat()}."
+        f"{PAPER}. Each number of the paper is given with its place in it. Made by `hapscene lab reproduce --recordings "
+        f"FOLDER` on {datetime.date.today().isoformat()}; the gallery names the sources of the recordings."
     )
     missing = [material.name for material in materials.values() if not material.recorded]
     if missing:
