@@ -44,7 +44,7 @@ CONDITIONS: Final = (
     ),
     (
         "bands",
-        "motion of 8 to 10 Hz, vibration up to 1000 Hz (Section 2); handle from 20 to 1000 Hz (Section 4, Our Approach)",
+        "motion to 8–10 Hz, vibration to 1000 Hz (Section 2); handle from 20 to 1000 Hz (Section 4, Our Approach)",
         "force at 1 kHz, acceleration from 20 to 1000 Hz at 10 kHz",
         "nothing",
     ),
@@ -91,8 +91,7 @@ NOT_REPRODUCED: Final = (
     ),
     (
         "Sections 3, 4, Prior Work",
-        "methods of other authors: automatic probes, sums of cosines, look-up tables, bump maps, displacement control "
-        "of a stylus",
+        "methods of other authors: automatic probes, sums of cosines, look-up tables, bump maps, driven styli",
     ),
     (
         "Section 4",
@@ -107,8 +106,8 @@ def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
     """Return the page without the sections of the figures."""
     page = Page("The haptography paper, reproduced")
     page.text(
-        f"{PAPER}. Each number of the paper is given with its place in it. Made by `hapscene lab reproduce --recordings "
-        f"FOLDER` on {datetime.date.today().isoformat()}; the gallery names the sources of the recordings."
+        f"{PAPER}. Each number of the paper has its place in it. Made on {datetime.date.today().isoformat()} by "
+        "`hapscene lab reproduce --recordings FOLDER`; the gallery names the sources of the recordings."
     )
     missing = [material.name for material in materials.values() if not material.recorded]
     if missing:
