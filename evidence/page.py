@@ -8,9 +8,10 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
+from hapscene.io.files import whole_file
 from hapscene.view.chart import dark_twin, picture
 
-__all__ = ["Page", "paragraph", "shown", "table"]
+__all__ = ["Page", "paragraph", "shown", "table", "write_page"]
 
 STYLE: Final = """
 :root { color-scheme: light dark; --line: light-dark(#d8d8d8, #444); --muted: light-dark(#606060, #a0a0a0); }
@@ -97,6 +98,12 @@ class Page:
 
     def _add(self, markdown: str, html: str) -> None:
         self._parts.append((lambda _: markdown, lambda: html))
+
+
+def write_page(file: Path, text: str) -> None:
+    """Write a page; a file that exists is replaced when the new one is complete."""
+    with whole_file(file) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
 
 
 def escaped(text: str) -> str:

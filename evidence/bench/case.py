@@ -86,15 +86,21 @@ def _around(angle_rad: Array) -> Array:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def zoo_cases(zoo: Path) -> list[Case]:
+ZOO: Final = Path(__file__).resolve().parents[3] / "shared" / "zoo"
+"""Folder of reference paths and meshes beside the checkout, used if present."""
+
+
+def zoo_cases() -> list[Case]:
     """Return the cases of the zoo: its slide path over the sphere of 82 k triangles, and its bunny."""
+    if not ZOO.is_dir():
+        return []
     meshes: list[tuple[str, Mesh, str]] = [("zoo sphere 82 k", sphere(6), "slide_sph1k.npz")]
-    with np.load(zoo / "mesh_bunny.npz", allow_pickle=False) as arrays:
+    with np.load(ZOO / "mesh_bunny.npz", allow_pickle=False) as arrays:
         bunny = Mesh(vertices_m=arrays["vertices_m"], faces=arrays["faces"])
     meshes.append(("zoo bunny 69 k", bunny, "slide_bunny.npz"))
     cases = []
     for name, mesh, path in meshes:
-        with np.load(zoo / path, allow_pickle=False) as arrays:
+        with np.load(ZOO / path, allow_pickle=False) as arrays:
             cases.append(Case(name, mesh, np.ascontiguousarray(arrays["tool_m"])))
     return cases
 

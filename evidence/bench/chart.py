@@ -7,8 +7,8 @@ from hapscene.view.chart import new_chart, save_both
 from hapscene.view.palette import OKABE_ITO
 
 from .case import short
-from .order import ORDERS
 from .sheet import Sheet
+from .tick_time import ORDERS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,26 +30,21 @@ MOVING_TICKS: Final = 1000
 
 
 def measure_crowd(sheet: Sheet, repeats: int) -> None:
-    """Measure the time of a step while all bodies move."""
-    for count in BOUND_COUNTS:
-        measure_bound(sheet, count, repeats)
-
-
-def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
     """Measure a step from Python in contact while all bodies move; poses are written into slots."""
-    place = grid(count)
-    renderer = Renderer(crowd_of(sphere(3), place), effects=["wall"])
-    slots = renderer.moving_bodies([f"body {i}" for i in range(count)])
-    X_WB = _sway(place, MOVING_TICKS)
-    took_ns = np.zeros((repeats, MOVING_TICKS), np.int64)
-    renderer.step((0.0, 0.0, 0.06))
-    for repeat in range(repeats):
-        for k in range(MOVING_TICKS):
-            slots.X_WB[:] = X_WB[k]
-            start_ns = time.perf_counter_ns()
-            renderer.step((X_WB[k, 0, 0, 3], 0.0, 0.049 + X_WB[k, 0, 2, 3]), slots)
-            took_ns[repeat, k] = time.perf_counter_ns() - start_ns
-    sheet.add(f"moving {count}", "step with bound bodies", 1e-3 * float(np.median(took_ns.min(axis=0))), "µs")
+    for count in BOUND_COUNTS:
+        place = grid(count)
+        renderer = Renderer(crowd_of(sphere(3), place), effects=["wall"])
+        slots = renderer.moving_bodies([f"body {i}" for i in range(count)])
+        X_WB = _sway(place, MOVING_TICKS)
+        took_ns = np.zeros((repeats, MOVING_TICKS), np.int64)
+        renderer.step((0.0, 0.0, 0.06))
+        for repeat in range(repeats):
+            for k in range(MOVING_TICKS):
+                slots.X_WB[:] = X_WB[k]
+                start_ns = time.perf_counter_ns()
+                renderer.step((X_WB[k, 0, 0, 3], 0.0, 0.049 + X_WB[k, 0, 2, 3]), slots)
+                took_ns[repeat, k] = time.perf_counter_ns() - start_ns
+        sheet.add(f"moving {count}", "step with bound bodies", 1e-3 * float(np.median(took_ns.min(axis=0))), "µs")
 
 
 def grid(count: int) -> Array:

@@ -49,6 +49,5 @@ def measure_deform(sheet: Sheet, duration_s: float) -> None:
             now = servo.timing().since(before)
             for share, quantile in ((0.5, "median"), (0.99, "p99"), (0.999, "p99.9")):
                 sheet.add(CASE, f"tick, {name} {quantile}", now.busy_us(share), "µs")
-                sheet.add(CASE, f"late, {name} {quantile}", now.delay_us(share), "µs")
     ratio = sheet.number(CASE, "tick, changing p99") / sheet.number(CASE, "tick, at rest p99")
     sheet.add(CASE, "tick p99, changing to at rest", ratio, "1")

@@ -14,7 +14,7 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.plant import ACCELEROMETER_HZ, Plant, Sensor
+from hapscene.handle.plant import Plant, Sensor
 from hapscene.handle.playback import play, run
 from hapscene.swatches.library import load_swatch
 
@@ -38,44 +38,6 @@ CHUNK: Final = 1000
 """Samples per timed call [count]: short, so that the minimum of many calls is undisturbed."""
 
 SIGNALS: Final = ("white", "texture", "tap", "chirp")
-
-NOISY: Final = 10.0
-"""Factor of the accelerometer's noise in the noisy conditions [1]."""
-
-QUIET: Final = 0.2
-"""Factor of the texture in the noisy conditions [1]: 0.33 m/s² rms."""
-
-
-@dataclass(frozen=True)
-class Condition:
-    """The actual sensor, the sensor data that the compensator assumes, the signals that are played and their gain."""
-
-    sensor: Sensor
-    nominal_sensor: Sensor
-    signals: tuple[str, ...]
-    loud: float = 1.0
-
-
-def _known(sensor: Sensor, signals: tuple[str, ...] = SIGNALS, loud: float = 1.0) -> Condition:
-    return Condition(sensor, sensor, signals, loud)
-
-
-_NOISY: Final = Sensor(noise_m_s2_rtHz=NOISY * Sensor().noise_m_s2_rtHz)
-
-CONDITIONS: Final = {
-    "known delay of 0 ms": _known(Sensor()),
-    "known delay of 0.3 ms": _known(Sensor(delay_s=0.3e-3)),
-    "known delay of 1 ms": _known(Sensor(delay_s=1e-3)),
-    "delay 0.1 ms longer than assumed": Condition(Sensor(delay_s=0.4e-3), Sensor(delay_s=0.3e-3), SIGNALS),
-    "delay 0.1 ms shorter than assumed": Condition(Sensor(delay_s=0.2e-3), Sensor(delay_s=0.3e-3), SIGNALS),
-    "half the assumed bandwidth": Condition(Sensor(bandwidth_Hz=0.5 * ACCELEROMETER_HZ), Sensor(), SIGNALS),
-    f"noise × {NOISY:g}, texture × {QUIET:g}": _known(_NOISY, ("texture",), QUIET),
-    f"the same, noise × {NOISY:g} not known": Condition(_NOISY, Sensor(), ("texture",), QUIET),
-    "force commanded, tap × 8": _known(Sensor(force_measured=False), ("tap",), 8.0),
-    "force commanded, white × 20": _known(Sensor(force_measured=False), ("white",), 20.0),
-    "force commanded, texture × 20": _known(Sensor(force_measured=False), ("texture",), 20.0),
-}
-"""Conditions by name. In the last ones the gain is so high that the governor attenuates most of the signal."""
 
 PARAMETERS: Final = tuple(field.name for field in fields(Plant))[:6]
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 import hapscene
-from hapscene.errors import HapsceneError
 
 from .sheet import Sheet
 
@@ -33,19 +32,6 @@ def machine_words(sheet: Sheet) -> list[str]:
     """Return the properties that `describe_machine` added, each with its name."""
     noted = [figure for figure in sheet if figure.case == "machine"]
     return [f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in noted]
-
-
-def run_python(arguments: list[str], otherwise: str, **environment: str) -> str:
-    """Run code in a new Python process with arguments; return what it prints.
-
-    Raises:
-        HapsceneError: the process fails; the message is `otherwise` and the last line of its error.
-    """
-    command = [sys.executable, "-c", *arguments]
-    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise HapsceneError(f"{otherwise}: {done.stderr.strip().splitlines()[-1]}")
-    return done.stdout
 
 
 def _processor() -> str:

@@ -9,9 +9,9 @@ from hapscene.render.renderer import EFFECTS
 from ..page import Page, shown
 from .handle import FIRM, PLANTS, SIGNALS, SPREAD
 from .machine import machine_words
-from .order import ORDERS
 from .sheet import Sheet
 from .side_by_side_page import add_peers
+from .tick_time import ORDERS
 
 AIMS: Final = (  # description, case, figure, upper bound, unit
     ("contact, 1 k triangles, median", "sphere 1 k", "contact median", 0.65, "µs"),

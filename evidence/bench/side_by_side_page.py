@@ -29,7 +29,7 @@ UNFAIR: Final = """### What the comparison does not control
 """
 
 
-def add_peers(page: Page, sheet: Sheet | None, known: Collection[str] = ()) -> None:
+def add_peers(page: Page, sheet: Sheet | None, known: Collection[str]) -> None:
     """Add the part to the page; without a sheet, the method only. `known` describes the machine of the page."""
     page.heading("Other renderers")
     page.text(
@@ -42,9 +42,7 @@ def add_peers(page: Page, sheet: Sheet | None, known: Collection[str] = ()) -> N
         hot, cold = (sheet.number("method", f"{kind} rounds") for kind in ("hot", "cold"))
         how = f"Rounds: {hot:g} hot, {cold:g} cold."
         machine = "; ".join(word for word in machine_words(sheet) if word not in known)
-        page.text(
-            f"Machine: {'as above, except ' if known else ''}{machine}. {how} bench/peers.csv has all ratios and sizes."
-        )
+        page.text(f"Machine: as above, except {machine}. {how} bench/peers.csv has all ratios and sizes.")
         _add_aims(page, sheet)
         for kind in ("hot", "cold"):
             if sheet.cases(f"{kind}, "):

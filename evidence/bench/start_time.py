@@ -1,19 +1,19 @@
 """Time from the start of `import hapscene` to the first tick in a new process; memory per triangle of a mesh."""
 
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from hapscene.errors import HapsceneError
 from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene
 
 from .case import Case
-from .machine import run_python
 from .sheet import Sheet
-
-_FAILED: Final = "a timed process failed"
 
 _START: Final = """
 import sys, time
@@ -61,13 +61,17 @@ def measure_start(sheet: Sheet, case: Case, repeats: int) -> None:
             scene = Scene()
             scene.add(mesh, name="body", unit="m", swatch="wood")
             scene.save(file)
-            rows = [_start(file) for _ in range(repeats + 1)][1:]
-            if kind == "ply" and (taken_B := float(run_python([_MEMORY, str(mesh)], _FAILED))) > 0.0:
+            rows = [_run(_START, file) for _ in range(repeats + 1)][1:]
+            if kind == "ply" and (taken_B := _run(_MEMORY, mesh)[0]) > 0.0:
                 sheet.add(case.name, "memory a triangle", taken_B, "B")
         imported_s, ready_s = np.median(rows, axis=0)
         sheet.add("start", "import hapscene", imported_s, "s")
         sheet.add("start", f"{case.name}, {'' if kind == 'ply' else 'STL, '}load to first tick", ready_s, "s")
 
 
-def _start(file: Path) -> list[float]:
-    return [float(word) for word in run_python([_START, str(file)], _FAILED).split()]
+def _run(program: str, file: Path) -> list[float]:
+    """Run a program in a new Python process with a file as its argument; return the numbers that it prints."""
+    done = subprocess.run([sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise HapsceneError(f"a timed process failed: {done.stderr.strip().splitlines()[-1]}")
+    return [float(word) for word in done.stdout.split()]

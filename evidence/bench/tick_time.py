@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture import FitOptions, SurfaceRecording, fit_swatch, synthesize
 from hapscene.clock import new_clock, now_ns
 from hapscene.compiled.native import native
 from hapscene.contact.world import Shapes
@@ -15,6 +16,7 @@ from hapscene.render.recording import Recording
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 from .case import Case
 from .sheet import Sheet
@@ -23,6 +25,26 @@ Times = NDArray[np.int64]
 
 REPEATS: Final = 5
 """Runs of a path after a warm-up run [count]."""
+
+ORDERS: Final = (8, 20, 40, 80, 120)
+"""Orders that are timed [coefficients]."""
+
+FORCE_N, SPEED_M_S, DURATION_S = 1.0, 0.1, 10.0
+"""Conditions and duration of the synthesised texture that is fitted."""
+
+RATE_HZ: Final = 10_000.0
+
+
+def swatch_of_order(order: int) -> Swatch:
+    """Return the shipped wood with its texture played for `DURATION_S` and fitted at `order`."""
+    wood = load_swatch("wood")
+    count = round(DURATION_S * RATE_HZ)
+    force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
+    played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
+    fitted = fit_swatch(
+        SurfaceRecording(RATE_HZ, played, force_N, speed_m_s), FitOptions(f"wood {order}", order, model_count=1)
+    )
+    return replace(wood, name=fitted.name, texture=fitted.texture)
 
 
 @dataclass(frozen=True)
@@ -75,7 +97,6 @@ def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recordi
     sheet.add(case.name, "triangles", len(case.mesh.faces), "1")
     sheet.add(case.name, "ticks in contact", len(found.contact_ns), "1")
     sheet.add_spread(case.name, "contact", found.contact_ns, "µs", 1e-3)
-    sheet.add(case.name, "contact mean", 1e-3 * float(np.mean(found.contact_ns)), "µs")
     return found.recording
 
 

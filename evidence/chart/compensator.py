@@ -9,21 +9,21 @@ import numpy as np
 
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import ACCELEROMETER_HZ, Plant, Sensor
 from hapscene.handle.playback import run
 from hapscene.perception import BAND_DB
 
-from ..bench.handle import CONDITIONS, RATE_HZ, SPREAD, judge, signals
+from ..bench.handle import RATE_HZ, SPREAD, judge, signals
 from .measuring import ISRAR, Array, spread_us
 from .question import Measure, Point, Question, Setting
 
-SENSORS: Final = (
-    "known delay of 0 ms",
-    "known delay of 1 ms",
-    "delay 0.1 ms longer than assumed",
-    "half the assumed bandwidth",
-)
-"""Conditions of `evidence.bench.handle.CONDITIONS` for the adaptive compensator; the others use no sensor."""
+SENSORS: Final = {
+    "known delay of 0 ms": (Sensor(), Sensor()),
+    "known delay of 1 ms": (Sensor(delay_s=1e-3), Sensor(delay_s=1e-3)),
+    "delay 0.1 ms longer than assumed": (Sensor(delay_s=0.4e-3), Sensor(delay_s=0.3e-3)),
+    "half the assumed bandwidth": (Sensor(bandwidth_Hz=0.5 * ACCELEROMETER_HZ), Sensor()),
+}
+"""Actual and assumed sensor of the adaptive compensator, by condition; the other compensators use no sensor."""
 
 LIMIT: Final = 100.0 * (10.0 ** (BAND_DB / 20.0) - 1.0)
 """Just-noticeable error of the amplitude [%]."""
@@ -54,7 +54,7 @@ def _signals() -> dict[str, Array]:
 
 def _sensor(name: str) -> dict[str, Any]:
     """Return the sensor of a condition and the data assumed about it, as arguments; empty without a condition."""
-    return {"sensor": CONDITIONS[name].sensor, "nominal_sensor": CONDITIONS[name].nominal_sensor} if name else {}
+    return dict(zip(("sensor", "nominal_sensor"), SENSORS[name], strict=True)) if name else {}
 
 
 def error(compensator: str, sensor_name: str, handles: int) -> dict[str, float]:

@@ -20,8 +20,8 @@ LEAST_JND: Final = 0.01
 
 def draw_rows(rows: Sequence[Row], path: Path) -> list[Path]:
     """Draw time and error of the default and of the chosen setting of each lever."""
-    at, quiet = range(len(rows)), all(row.quiet for row in rows)
-    with new_chart(11.0, 0.42 * len(rows) + 1.5, f"Default and {CHOSEN[quiet]}") as figure:
+    at = range(len(rows))
+    with new_chart(11.0, 0.42 * len(rows) + 1.5, f"Default and {CHOSEN}") as figure:
         time, error = figure.subplots(1, 2, sharey=True, width_ratios=(1.4, 1.0))
         for ax, default, chosen in (
             (time, [r.default.median_us for r in rows], [r.chosen.median_us for r in rows]),
@@ -29,7 +29,7 @@ def draw_rows(rows: Sequence[Row], path: Path) -> list[Path]:
         ):
             ax.hlines(at, default, chosen, colors=INK, linewidth=1, alpha=0.6)
             ax.plot(default, at, "o", color=COLOURS[0], markersize=8, label="default")
-            ax.plot(chosen, at, "D", color=COLOURS[1], markersize=5, label=CHOSEN[quiet])
+            ax.plot(chosen, at, "D", color=COLOURS[1], markersize=5, label=CHOSEN)
             ax.set_xscale("log")
             ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         for i, row in enumerate(rows):
@@ -41,7 +41,7 @@ def draw_rows(rows: Sequence[Row], path: Path) -> list[Path]:
                               ha="center", fontsize=7.5)  # fmt: skip
         time.set_yticks(at, [row.lever for row in rows])
         time.invert_yaxis()
-        time.set_xlabel("time per ms of touch [µs]" + ("" if quiet else ": disturbed by other programs, measure again"))
+        time.set_xlabel("time per ms of touch [µs]")
         error.axvspan(LEAST_JND / 2, 1.0, color=SHADE, zorder=0)
         error.axvline(1.0, color=INK, linewidth=1, linestyle="--")
         error.set_xlabel("error [JND or other limit]; shaded: not perceptible")

@@ -41,10 +41,10 @@ def settings(scene_file: str | None) -> list[Setting]:
 
 
 def error(device: str, rate_Hz: float) -> dict[str, float]:
-    """Return the force error [JND], and the stiffest wall that is stable with a light grip [N/m]."""
+    """Return the force error [JND] against 20 kHz, and the stiffest wall that is stable with a light grip [N/m]."""
     point = _point(device)
     wall_N_m = trace(device, point, point, rate_Hz, 0, GRIPS["light"], (0.0,)).limit_N_m[0]
-    return {"force": held_force_jnd(rate_Hz), "wall": wall_N_m}
+    return {"force": off_jnd(slid(rate_Hz), slid(REFERENCE_HZ)), "wall": wall_N_m}
 
 
 def _point(device: str) -> PointMass:
@@ -73,13 +73,8 @@ def _path() -> Array:
     return np.asarray(CubicSpline(np.arange(len(coarse)) / 1000.0, coarse)(at))
 
 
-def held_force_jnd(rate_Hz: float) -> float:
-    """Return the 95th percentile over time of the difference from the force at 20 kHz, with zero-order hold [JND]."""
-    return off_jnd(slid(rate_Hz), slid(REFERENCE_HZ))
-
-
 def off_jnd(slow_N: Array, fast_N: Array) -> float:
-    """Return the same for forces (n, 3), each held over m/n of the fast forces (m, 3)."""
+    """Return the 95th percentile over time of the difference of forces (n, 3), held, from fast ones (m, 3) [JND]."""
     held = np.repeat(slow_N, -(-len(fast_N) // len(slow_N)), axis=0)[: len(fast_N)]
     on = np.linalg.norm(fast_N, axis=1) > 0.0
     return float(np.percentile(force_jnd(held, fast_N)[on], 95))

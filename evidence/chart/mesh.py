@@ -13,8 +13,7 @@ from hapscene.render.renderer import Renderer
 from hapscene.surface.swatch import PLAIN
 
 from ..bench.accuracy import angle_deg
-from ..bench.tick_time import hot
-from .measuring import spread_us
+from .measuring import spread_us, ticks_ns
 from .question import Measure, Question, Setting
 from .touched_surface import SPHERE, Array, bodies_of, reduced, touched
 
@@ -92,7 +91,7 @@ def force_errors(recording: Recording, into_m: Array, stiffness_N_m: float) -> d
 
 def time(scene_file: str | None, body: str, divisor: int, shaded: bool) -> tuple[float, float]:
     renderer = renderer_of(scene_file, body, divisor, shaded)
-    return spread_us(hot(renderer, touched(scene_file, body).p_WT_m, 3).tick_ns)
+    return spread_us(ticks_ns(renderer, touched(scene_file, body).p_WT_m, 3))
 
 
 QUESTION: Final = Question(

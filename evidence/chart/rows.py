@@ -17,11 +17,10 @@ from .question import Point, Question
 
 __all__ = ["CHOSEN", "HEAD", "Choice", "Row", "all_choices", "rows_of", "sentences"]
 
-CHOSEN: Final = {True: "cheapest setting under 1 JND", False: "coarsest setting under 1 JND"}
-"""What the rows name, by whether the times are valid."""
+CHOSEN: Final = "cheapest setting under 1 JND"
 
-HEAD: Final = ("lever", "default", "setting", "saves per ms of touch, and memory", "error", "when not")
-"""Titles of the columns; the third is one of `CHOSEN`."""
+HEAD: Final = ("lever", "default", CHOSEN, "saves per ms of touch, and memory", "error", "when not")
+"""Titles of the columns."""
 
 NOISE_SHARE: Final = 0.03
 """Smallest relative difference of two times that counts [1], as in `hapscene lab bench --against`."""
@@ -67,7 +66,6 @@ class Row:
         noise_us: difference of two times that repetition alone produces [µs].
         caveat: where the chosen setting must not be used.
         failure: the next coarser setting, or another method, whose error exceeds the limit.
-        quiet: whether no other program disturbed the times; otherwise they are ignored.
     """
 
     lever: str
@@ -76,7 +74,6 @@ class Row:
     noise_us: float
     caveat: str
     failure: str
-    quiet: bool
 
     @property
     def saved_us(self) -> float:
@@ -88,7 +85,7 @@ class Row:
 
     @property
     def saves_time(self) -> bool:
-        return self.quiet and self.saved_us > self.noise_us
+        return self.saved_us > self.noise_us
 
     @property
     def saves_memory(self) -> bool:
@@ -96,16 +93,16 @@ class Row:
 
     def cells(self) -> tuple[str, ...]:
         """Return the texts of the row, one for each column of `HEAD`."""
-        time = f"none (noise {self.noise_us:.2g} µs)" if self.quiet else "measure again"
+        time = f"none (noise {self.noise_us:.2g} µs)"
         if self.saves_time:
             time = f"{self.saved_us:.2g} of {self.default.median_us:.2g} µs"
-        elif self.quiet and -self.saved_us > self.noise_us:
+        elif -self.saved_us > self.noise_us:
             time = f"costs {-self.saved_us:.2g} µs more"
         if self.saves_memory:
             time += f", {self.saved_MB:.2g} of {self.default.memory_MB:.2g} MB"
         chosen = "default" if self.chosen == self.default else self.chosen.name
         if not self.chosen.eligible:
-            chosen = "none" if self.quiet else "measure again"
+            chosen = "none"
         return (
             self.lever,
             self.default.name,
@@ -116,7 +113,7 @@ class Row:
         )
 
 
-def rows_of(question: Question, points: Sequence[Point], quiet: bool = True) -> list[Row]:
+def rows_of(question: Question, points: Sequence[Point]) -> list[Row]:
     """Return a row for each lever of a question.
 
     Raises:
@@ -130,15 +127,15 @@ def rows_of(question: Question, points: Sequence[Point], quiet: bool = True) -> 
         if len(defaults) != 1:
             raise HapsceneError(f"{question.name}: {lever} has {len(defaults)} default settings; expected 1")
         noise_us = _noise(choices, own) * defaults[0].median_us
-        chosen = _chosen(choices, defaults[0], noise_us, quiet)
-        if quiet and chosen.eligible and defaults[0].eligible:
-            trial = Row(lever, defaults[0], chosen, noise_us, "", "", quiet)
+        chosen = _chosen(choices, defaults[0], noise_us)
+        if chosen.eligible and defaults[0].eligible:
+            trial = Row(lever, defaults[0], chosen, noise_us, "", "")
             chosen = chosen if trial.saves_time or trial.saves_memory else defaults[0]
         failure = _first_failure(choices, chosen) if chosen.eligible else ""
         caveat = ""
         if question.caveat is not None:
             caveat = question.caveat([p for p in own if (p.method, p.label) == (chosen.method, chosen.label)], own)
-        rows.append(Row(lever, defaults[0], chosen, noise_us, caveat, failure, quiet))
+        rows.append(Row(lever, defaults[0], chosen, noise_us, caveat, failure))
     return rows
 
 
@@ -188,15 +185,12 @@ def _noise(choices: Sequence[Choice], points: Sequence[Point]) -> float:
     return max(found)
 
 
-def _chosen(choices: Sequence[Choice], default: Choice, noise_us: float, quiet: bool) -> Choice:
+def _chosen(choices: Sequence[Choice], default: Choice, noise_us: float) -> Choice:
     """Return the cheapest eligible setting, or the default if none is eligible.
 
-    Times that differ by less than the noise are equal; then memory decides, then the error. Without valid times it is
-    the coarsest eligible setting of the default's method.
+    Times that differ by less than the noise are equal; then memory decides, then the error.
     """
     fit = [c for c in choices if c.eligible]
-    if not quiet:
-        return next((c for c in reversed(fit) if c.method == default.method), default)
     if not fit:
         return default
     least_us = min(c.median_us for c in fit)
@@ -226,9 +220,7 @@ def _text(error: float) -> str:
 
 
 def sentences(rows: Sequence[Row]) -> list[str]:
-    """Return what the rows recommend; nothing if the times were disturbed."""
-    if not all(row.quiet for row in rows):
-        return []
+    """Return what the rows recommend."""
     faster = sorted((row for row in rows if row.saves_time), key=lambda row: -row.saved_us)
     smaller = sorted((row for row in rows if row.saves_memory), key=lambda row: -row.saved_MB)
     kept = [row.lever for row in rows if row.chosen == row.default and row.default.eligible]

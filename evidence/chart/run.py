@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
@@ -11,11 +10,10 @@ from typing import Final
 
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, no_such
-from hapscene.io.files import whole_file
 
 from ..bench.machine import describe_machine
 from ..bench.sheet import Sheet
-from ..page import Page, shown
+from ..page import Page, shown, write_page
 from .drawing import draw_rows, draw_settings
 from .question import Point, Question, merge_identical
 from .rows import CHOSEN, HEAD, Row, rows_of, sentences
@@ -30,8 +28,7 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "texture-update": "texture_update",
     "force-rate": "force_rate",
     "acceleration-rate": "acceleration_rate",
-    "groove": "groove",
-    "tip": "tip",
+    "proxy": "proxy",
     "stabiliser": "stabiliser",
     "compensator": "compensator",
 }
@@ -145,7 +142,7 @@ def _machine(load: float, scene: str | None) -> dict[str, str]:
 
 
 def _rows(found: Table, questions: Sequence[Question]) -> list[Row]:
-    return [row for q in questions for row in rows_of(q, found.points[q.name], found.quiet)]
+    return [row for q in questions for row in rows_of(q, found.points[q.name])]
 
 
 def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | None) -> list[Path]:
@@ -155,31 +152,15 @@ def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | 
     found = Table.read(made[0])  # the page shows the numbers of the file, which are rounded
     pictures = draw_rows(_rows(found, questions), out / PICTURE)
     made += [*pictures, *draw_settings(questions, found.points, out / SETTINGS)]
-    _write_text(made[1], page_of(found, questions, out, "chart.csv", details=True).html())
+    write_page(made[1], page_of(found, questions, out, "chart.csv", details=True).html())
     if docs is not None:
         folder = docs / "chart"
         folder.mkdir(exist_ok=True)
-        for old in folder.glob("*.csv"):  # the page has one session on one machine
-            old.unlink()
-        kept = folder / f"{machine_slug(found.machine)}.csv"
-        for file, copy in zip((*pictures, made[0]), (*(folder / file.name for file in pictures), kept), strict=True):
-            shutil.copyfile(file, copy)
-            made.append(copy)
+        made += [Path(shutil.copyfile(file, folder / file.name)) for file in (*pictures, made[0])]
         made.append(docs / "chart.md")
-        page = page_of(found, questions, folder, f"chart/{kept.name}", details=False)
-        _write_text(made[-1], page.markdown(docs))
+        page = page_of(found, questions, folder, "chart/chart.csv", details=False)
+        write_page(made[-1], page.markdown(docs))
     return made
-
-
-def _write_text(file: Path, text: str) -> None:
-    with whole_file(file) as part:
-        part.write_text(text, encoding="utf-8")
-
-
-def machine_slug(machine: Mapping[str, str]) -> str:
-    """Return the file name of a machine: processor and cores, without the clock rate, which varies."""
-    text = f"{machine.get('processor', 'machine').split('), ')[0]} {machine.get('cores', '?')} cores"
-    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((?:r|tm)\)", "", text.lower())).strip("-")
 
 
 def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: str, details: bool) -> Page:
@@ -192,16 +173,17 @@ def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: st
     )
     if not details:
         page.markdown_only("Texture orders follow [one criterion](../explanation/texture-model.md).\n")
-    if not found.quiet:
+    if found.quiet:
+        for sentence in sentences(rows):
+            page.text(sentence, strong=True)
+        page.picture(pictures / PICTURE, f"Time and error of the default and of the {CHOSEN}, for each lever")
+        page.table(HEAD, [row.cells() for row in rows])
+    else:
         page.text(
             f"No advice: other programs ran while times were measured (load {found.machine[LOAD]} per core; at most "
             f"{LOAD_MAX:g} is valid). Errors and memory are valid. Stop the programs and run `{COMMAND}` again.",
             strong=True,
         )
-    for sentence in sentences(rows):
-        page.text(sentence, strong=True)
-    page.picture(pictures / PICTURE, f"Time and error of the default and of the {CHOSEN[found.quiet]}, for each lever")
-    page.table([*HEAD[:2], CHOSEN[found.quiet], *HEAD[3:]], [row.cells() for row in rows])
     shown_of_machine = found.machine if details else [name for name in NAMED if name in found.machine]
     page.text(f"Machine: {'; '.join(f'{name} {found.machine[name]}' for name in shown_of_machine)}.")
     if details:

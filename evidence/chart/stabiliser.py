@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -52,7 +52,8 @@ PUSH_N: Final = 2.0
 FACET_M: Final = 0.01
 FACET_RAD: Final = math.radians(15.0)
 FACETS: Final = 6
-"""The ridge of the edge tour: width of its faces, angle between adjacent faces, number of faces."""
+RIDGE_RADIUS_M: Final = FACET_M / (2.0 * math.tan(FACET_RAD / 2.0))
+"""The ridge of the edge tour: width of faces, angle between adjacent faces, number of faces, distance from its axis."""
 
 GESTURES: Final = ("tap", "press", "tour")
 STABILISERS: Final = (
@@ -68,19 +69,6 @@ DEFAULT: Final = STABILISERS[-1]
 """The stabiliser that hapscene uses."""
 
 
-@dataclass(frozen=True)
-class Stabiliser:
-    """Settings of a stabiliser.
-
-    Attributes:
-        limits: limits of the renderer.
-        damping_Ns_m: damping of the wall.
-    """
-
-    limits: Limits = IDEAL
-    damping_Ns_m: float = 0.0
-
-
 class Outcome(NamedTuple):
     """Result of one stabiliser in one case."""
 
@@ -92,18 +80,18 @@ class Outcome(NamedTuple):
     """Rendered stiffness over requested stiffness; NaN if the tool does not come to rest."""
 
 
-def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = TICK_S) -> Stabiliser:
-    """Return the settings of one of `STABILISERS` for a device and a wall."""
+def stabiliser(name: str, device: Device, stiffness_N_m: float) -> tuple[Limits, float]:
+    """Return limits of the renderer and damping of the wall [N·s/m] of one of `STABILISERS` for a device and a wall."""
     point = device.point
     assert point is not None
-    limits = limits_of(device, tick_s)
+    limits = limits_of(device, TICK_S)
     return {
-        "none": Stabiliser(),
-        "limits": Stabiliser(replace(limits, passivity_Ns_m=0.0)),
-        "virtual damping": Stabiliser(damping_Ns_m=damping_for(device, stiffness_N_m, tick_s)),
-        "passivity": Stabiliser(Limits(passivity_Ns_m=PASSIVITY_SHARE * damping_max(point.mass_kg, tick_s))),
-        "coupling": Stabiliser(Limits(coupling_N_m=COUPLING_N_M)),
-        "limits, passivity": Stabiliser(limits),
+        "none": (IDEAL, 0.0),
+        "limits": (replace(limits, passivity_Ns_m=0.0), 0.0),
+        "virtual damping": (IDEAL, damping_for(device, stiffness_N_m, TICK_S)),
+        "passivity": (Limits(passivity_Ns_m=PASSIVITY_SHARE * damping_max(point.mass_kg, TICK_S)), 0.0),
+        "coupling": (Limits(coupling_N_m=COUPLING_N_M), 0.0),
+        "limits, passivity": (limits, 0.0),
     }[name]
 
 
@@ -120,14 +108,12 @@ def run_case(
     """
     point = actual or device.point
     assert point is not None
-    chosen = stabiliser(name, device, stiffness_N_m)
-    swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=chosen.damping_Ns_m)
+    limits, damping_Ns_m = stabiliser(name, device, stiffness_N_m)
+    swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=damping_Ns_m)
     scene = ridge(swatch) if gesture == "tour" else sheet(swatch)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeviceWarning)  # that the limits clip the wall is what is tested
-        twin = Twin(
-            scene, point, effects=("wall",), a_rate_Hz=1.0 / TICK_S, limits=chosen.limits, delay_ticks=delay_ticks
-        )
+        twin = Twin(scene, point, effects=("wall",), a_rate_Hz=1.0 / TICK_S, limits=limits, delay_ticks=delay_ticks)
     target = _target(gesture)
     result = twin.run(ReferenceTrajectory.along(target, "light"))
     energy_J = max(0.0, float(np.cumsum(result.work_J).max()))
@@ -145,7 +131,7 @@ def _target(gesture: str) -> NDArray[np.float64]:
     if gesture == "tour":
         half = 0.9 * FACETS * FACET_RAD / 2.0
         angle = np.concatenate((np.linspace(-half, half, 1500), np.linspace(half, -half, 1500), np.full(1500, -half)))
-        radius = ridge_radius_m() - np.repeat((-0.001, 0.008, 0.016, 0.008), (50, 1450, 1500, 1500))
+        radius = RIDGE_RADIUS_M - np.repeat((-0.001, 0.008, 0.016, 0.008), (50, 1450, 1500, 1500))
         return np.asarray(radius[:, None] * np.stack((np.sin(angle), 0.0 * angle, np.cos(angle)), axis=1))
     start, end, speed = (0.01, -0.005, 0.15) if gesture == "tap" else (0.001, -0.005, 0.02)
     height = np.full(3000, end)
@@ -163,18 +149,10 @@ def _pushed(twin: Twin, target_W_m: NDArray[np.float64]) -> tuple[ClosedLoopResu
     return result, float(force / depth)
 
 
-def ridge_radius_m(width_m: float = FACET_M, turn_rad: float = FACET_RAD) -> float:
-    """Return the distance of the ridge's faces from its axis [m]."""
-    return width_m / (2.0 * math.tan(turn_rad / 2.0))
-
-
-def ridge(swatch: Swatch, count: int = FACETS, width_m: float = FACET_M, turn_rad: float = FACET_RAD) -> Scene:
-    """Return a scene of `count` flat faces, `width_m` wide; adjacent faces differ by `turn_rad` about the y axis.
-
-    The middle of the ridge, an edge or a face, is at the top.
-    """
-    corner_radius = width_m / (2.0 * math.sin(turn_rad / 2.0))
-    angle = turn_rad * (np.arange(count + 1) - 0.5 * count)
+def ridge(swatch: Swatch, count: int = FACETS) -> Scene:
+    """Return a scene of flat faces about the y axis; the middle of the ridge, an edge or a face, is at the top."""
+    corner_radius = FACET_M / (2.0 * math.sin(FACET_RAD / 2.0))
+    angle = FACET_RAD * (np.arange(count + 1) - 0.5 * count)
     rim = corner_radius * np.stack((np.sin(angle), 0.0 * angle, np.cos(angle)), axis=1)
     end = np.array((0.0, 0.05, 0.0))
     corners = np.concatenate((rim - end, rim + end))
@@ -255,10 +233,10 @@ def caveat(used: Sequence[Point], every: Sequence[Point]) -> str:
 
 
 def time(name: str, omni: str, stiffness_N_m: float, gestures: Sequence[str]) -> tuple[float, float]:
-    chosen = stabiliser(name, OMNI, stiffness_N_m)
+    limits, damping_Ns_m = stabiliser(name, OMNI, stiffness_N_m)
     # the same wall for all, so that only the computation differs
-    limits = replace(chosen.limits, stiffness_N_m=math.inf)
-    swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=chosen.damping_Ns_m)
+    limits = replace(limits, stiffness_N_m=math.inf)
+    swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=damping_Ns_m)
     return spread_us(ticks_ns(Renderer(sheet(swatch), ("wall",), limits=limits), stroke_path()))
 
 

@@ -20,9 +20,6 @@ PAPER: Final = (
     "Surfaces”, International Symposium on Robotics Research 2009 (Springer Tracts in Advanced Robotics 70, 2011)"
 )
 
-NUMBERS_OPEN: Final = 14
-"""Longest table of numbers that is not folded [rows]."""
-
 CONDITIONS: Final = (
     (
         "Figs. 4, 5",
@@ -44,6 +41,12 @@ CONDITIONS: Final = (
         "without the voice coil (Section 4, Teleoperation Testing)",
         "the same, simulated, on the swatch of wood; a press between taps and drags",
         "the compensator knows the handle's parameters, and the latency is removed, exactly",
+    ),
+    (
+        "bands",
+        "motion to 8–10 Hz, vibration to 1000 Hz (Section 2); handle from 20 to 1000 Hz (Section 4, Our Approach)",
+        "force at 1 kHz, acceleration from 20 to 1000 Hz at 10 kHz",
+        "nothing",
     ),
     (
         "ratings",
@@ -73,20 +76,22 @@ NOT_REPRODUCED: Final = (
     ("Fig. 8", "real teleoperation, its phase lag and underactuation"),
     (
         "Section 1",
-        "changes of a surface over time: `hapscene swatch compare` compares two swatches, no series is recorded",
+        "changes of a surface over time: `hapscene swatch compare` compares two swatches, no series is recorded; "
+        "insights for the hands of robots",
     ),
     (
         "Section 2",
-        "motion of the object; ratings by people; a public online database (`hapscene swatch publish` writes it)",
+        "touch by the fingertip, which the paper leaves out, too; motion of the object; torques (stored, not fitted); "
+        "ratings by people; a public online database (`hapscene swatch publish` writes it)",
     ),
     (
         "Section 3",
         "models of contact angle, hand configuration and grip force; of transitions between contact states, only taps, "
-        "leaving and breakaway are fitted",
+        "leaving and breakaway are fitted; a physical model of tapping",
     ),
     (
         "Sections 3, 4, Prior Work",
-        "methods of other authors: automatic probes, bump maps, displacement control of a stylus",
+        "methods of other authors: automatic probes, sums of cosines, look-up tables, bump maps, driven styli",
     ),
     (
         "Section 4",
@@ -101,8 +106,8 @@ def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
     """Return the page without the sections of the figures."""
     page = Page("The haptography paper, reproduced")
     page.text(
-        f"{PAPER}. Each number of the paper is given with its place in it. Made by `hapscene lab reproduce` on "
-        f"{datetime.date.today().isoformat()}."
+        f"{PAPER}. Each number of the paper has its place in it. Made on {datetime.date.today().isoformat()} by "
+        "`hapscene lab reproduce --recordings FOLDER`; the gallery names the sources of the recordings."
     )
     missing = [material.name for material in materials.values() if not material.recorded]
     if missing:
@@ -156,7 +161,7 @@ def table_of_numbers(results: Mapping[str, FigureResult]) -> str:
 
 
 def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
-    """Add numbers as a table, each with the figure that it belongs to; a long table is folded in HTML."""
+    """Add numbers as a table, each with the figure that it belongs to."""
     cells: list[tuple[str, ...]] = []
     compared, noted = any(n.paper is not None for _, n in rows), any(n.note for _, n in rows)
     for figure, n in rows:
@@ -168,8 +173,7 @@ def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
     head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows; other differences")
     if not compared:
         head = ("quantity", "here", "note")[: None if noted else -1]
-    folded = len(rows) > NUMBERS_OPEN and not rows[0][0]
-    page.table(head, cells, f"{len(rows)} numbers" if folded else "")
+    page.table(head, cells)
 
 
 def _assumed() -> dict[str, str]:

@@ -14,10 +14,10 @@ from hapscene.capture.fit.distance import level_difference_dB, log_spectral_dist
 from hapscene.capture.fit.order import search_order
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
-from hapscene.dsp.spectrogram import spectrogram_error
+from hapscene.dsp.spectrogram import decibels, spectrogram_error
 
 from .material import Material
-from .result import COLOURS, Array, FigureResult, Number, Plot, decibels, drawn, spectrogram_panels, trace_panels
+from .result import COLOURS, Array, FigureResult, Number, Plot, drawn, spectrogram_panels, trace_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,7 +132,7 @@ def real_against_synthetic(material: Material) -> FigureResult:
         ]
 
     def draw(axes: "Axes") -> None:
-        levels = {label: decibels(values) for label, values in spectra.items()}
+        levels = {label: decibels(np.sqrt(values)) for label, values in spectra.items()}
         for (label, level), colour, width in zip(levels.items(), COLOURS, (1.0, 1.8, 1.8), strict=False):
             axes.plot(frequency, level, color=colour, linewidth=width, label=label)
         low_Hz, high_Hz = ACCELERATION_BAND_HZ

@@ -6,8 +6,9 @@ from typing import Final
 
 from hapscene.errors import HapsceneError
 from hapscene.handle.plant import Plant
-from hapscene.io.files import whole_file, whole_folder
+from hapscene.io.files import whole_folder
 
+from ..page import write_page
 from . import handle_figure, interpolation_table, prediction_figure, remote_figure, tap_study
 from .material import Material, load_materials
 from .paper_page import page_of, summary, table_of_numbers
@@ -62,9 +63,7 @@ def reproduce(
     made = [Path(out) / name for name in FILES]
     if docs is not None and page is not None:
         made.append(docs / "paper.md")
-        with whole_file(made[-1]) as part:
-            text = summary(results, materials).markdown(docs)
-            part.write_text(f"{page[0]}{START}{text}{END}{page[1]}", encoding="utf-8", newline="\n")
+        write_page(made[-1], f"{page[0]}{START}{summary(results, materials).markdown(docs)}{END}{page[1]}")
     return made
 
 

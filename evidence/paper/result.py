@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.capture.report.plots import drawn as report_plot
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.dsp.spectrogram import SPECTROGRAM_S, spectrogram
+from hapscene.dsp.spectrogram import SPECTROGRAM_S, decibels, spectrogram
 from hapscene.view.palette import OKABE_ITO
 
 if TYPE_CHECKING:
@@ -96,14 +96,14 @@ def trace_panels(name: str, t_s: Array, signals: Mapping[str, Array], labels: Ma
 def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) -> str:
     """Return the spectrograms of signals (n,) as SVG, one panel each, with a common colour scale."""
     spectrograms = {title: spectrogram(signal, rate_Hz) for title, signal in signals.items()}
-    top = max(decibels(magnitude**2).max() for _, _, magnitude in spectrograms.values())
+    top = max(decibels(magnitude).max() for _, _, magnitude in spectrograms.values())
     step = 0.5 * SPECTROGRAM_S
 
     def draw(*panels: "Axes") -> None:
         for axes, (title, (time, frequency, magnitude)) in zip(panels, spectrograms.items(), strict=True):
             inside = frequency <= ACCELERATION_BAND_HZ[1]
             image = axes.imshow(
-                decibels(magnitude[:, inside] ** 2).T,
+                decibels(magnitude[:, inside]).T,
                 origin="lower", aspect="auto", cmap="cividis", vmin=top - RANGE_DB, vmax=top, interpolation="nearest",
                 extent=(time[0] - 0.5 * step, time[-1] + 0.5 * step, -0.5 * frequency[1], frequency[inside][-1]),
             )  # fmt: skip
@@ -114,8 +114,3 @@ def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) 
         cast(Any, bar.solids).set_rasterized(True)  # otherwise each of its 256 colours is a path
 
     return drawn(name, draw, 1.8 + 1.4 * len(signals), (1,) * len(signals))
-
-
-def decibels(power: Array) -> Array:
-    """Return 10 log10 of a power (…,), and −300 dB for zero power."""
-    return np.asarray(10.0 * np.log10(np.maximum(power, 1e-30)))

@@ -150,7 +150,6 @@ def bench(
     quick: Annotated[bool, Help("Measure fewer cases, in a third of the time")] = False,
     docs: Docs = None,
     table: Table = None,
-    zoo: Annotated[InFolder | None, Help("Folder of recorded paths and meshes to measure as well")] = None,
     against: Annotated[InFolder | None, Help("Another checkout to compare with, measured alternately")] = None,
 ) -> int:
     """Measure the computing time of a haptic tick on this machine.
@@ -168,7 +167,7 @@ def bench(
 
     if against is not None:
         return 0 if bench_against(against, ROUNDS) else 1
-    run(out, quick, docs, zoo, table)
+    run(out, quick, docs, table)
     return 0
 
 

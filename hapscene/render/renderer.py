@@ -387,7 +387,8 @@ class Renderer:
             found = [str(clip) for clip in fit.clips(index) if clip.reported]
             for effect in self._contact_effects:
                 known = [param.name for param in effect.params]
-                for name in sorted({*swatch.effects.get(effect.name, ())} - {*known}):
+                # `hapscene.fidelity` sets update_ticks, which only the table of lpc_texture reads
+                for name in sorted({*swatch.effects.get(effect.name, ())} - {*known, "update_ticks"}):
                     wrong = no_such("parameter", name, known)
                     found.append(f"swatch {swatch.name!r}: effect {effect.name!r} has {wrong}")
             if swatch.texture is not None:

@@ -11,9 +11,9 @@ from hapscene_evidence.chart.table import Table
 
 
 def test_unknown_question_is_reported_with_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lab", "chart", "--only", "mesh,grove"]) == 2
+    assert main(["lab", "chart", "--only", "mesh,prox"]) == 2
     error = capsys.readouterr().err
-    assert "'grove'" in error and "groove" in error and "stabiliser" in error
+    assert "'prox'" in error and "proxy" in error and "stabiliser" in error
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_scene_without_large_bodies_is_rejected(tmp_path: Path, capsys: pytest.C
 def test_table_is_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, out = tmp_path / "chart.csv", tmp_path / "out"
     points = [Point("Proxy", "active set", "", "60°", True, 0.03, 0.05, 0.0, {"off": 1e-12})]
-    Table({"processor": "one"}, {"groove": points}).write(table, [])
+    Table({"processor": "one"}, {"proxy": points}).write(table, [])
     assert main(["lab", "chart", "--from", str(table), "--out", str(out)]) == 0
     assert "chart.html" in capsys.readouterr().out
     pictures = {"chart.png", "chart-dark.png", "settings.png", "settings-dark.png"}

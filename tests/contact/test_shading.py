@@ -11,7 +11,7 @@ from hapscene.contact.shading import corner_normals
 from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
-from hapscene_evidence.chart.stabiliser import FACET_M, FACET_RAD, ridge, ridge_radius_m
+from hapscene_evidence.chart.stabiliser import FACET_M, FACET_RAD, RIDGE_RADIUS_M, ridge
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 
@@ -120,7 +120,7 @@ def test_shading_keeps_depth_and_force_magnitude():
 def test_shaded_two_sided_sheet_pushes_towards_the_tool():
     sheet = ridge(Swatch("w"))
     mesh = sheet.bodies[0].mesh
-    top = ridge_radius_m()
+    top = RIDGE_RADIUS_M
     below = np.array([[0.003, 0.001, top - 0.002], [0.003, 0.001, top + 0.0005]])
     recording = hapscene.Renderer(scene(mesh, two_sided=True), ["wall"], crease_rad=0.5).run(below)
     assert recording.touching[1]
@@ -135,7 +135,7 @@ def generated_J(near_m: float, far_m: float, stiffness_N_m: float = 1000.0, step
     renderer = hapscene.Renderer(
         ridge(Swatch("wall", stiffness_N_m=stiffness_N_m), 3), ("wall",), crease_rad=1.5 * FACET_RAD
     )
-    top, edge = ridge_radius_m(), 0.5 * FACET_M * (1.0 - 1e-9)
+    top, edge = RIDGE_RADIUS_M, 0.5 * FACET_M * (1.0 - 1e-9)
     s = np.linspace(0.0, 1.0, steps)
     x = np.concatenate((edge * s, np.full(steps, edge), edge * s[::-1], np.zeros(steps)))
     near, far = np.full(steps, near_m), np.full(steps, far_m)

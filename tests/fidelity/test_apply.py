@@ -49,8 +49,11 @@ def test_painting_of_a_coarser_mesh(scene):
     assert len(scene.body("ball").face_swatch) == len(scene.body("ball").mesh.faces)  # the scene stays as it is
 
 
-def test_update_interval(scene):
-    wood = apply_level(scene, Level(swatches={"wood": SwatchFidelity(update_ticks=4)})).swatches[1]
+def test_update_interval(scene, recwarn):
+    at = apply_level(scene, Level(swatches={"wood": SwatchFidelity(update_ticks=4)}))
+    hapscene.Renderer(at, ["lpc_texture"])
+    assert not any("update_ticks" in str(warning.message) for warning in recwarn)
+    wood = at.swatches[1]
     assert wood.parameter("lpc_texture", "update_ticks", 1.0) == 4.0 and wood.texture is scene.swatches[1].texture
 
 

@@ -53,9 +53,10 @@ def test_largest_wall_damping() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_limits(kind: str, count: int, seed: int) -> None:
     rng = np.random.default_rng([seed, *kind.encode()])
-    for _ in range(count):
-        predicted, simulated = random_limit(kind, rng)
-        assert simulated == pytest.approx(predicted, rel=KINDS[kind])
+    predicted, simulated = np.array([random_limit(kind, rng) for _ in range(count)]).T
+    errors = np.abs(simulated / predicted - 1.0)
+    print(f"{kind}: median {np.median(errors):.1e}, largest {errors.max():.1e}")
+    assert errors.max() < KINDS[kind]
 
 
 def random_limit(kind: str, rng: np.random.Generator) -> tuple[float, float]:

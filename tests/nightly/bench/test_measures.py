@@ -9,7 +9,7 @@ from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.handle import COMPENSATORS, Plant
 from hapscene.render.renderer import EFFECTS, Renderer
-from hapscene_evidence.bench import handle, synthesis
+from hapscene_evidence.bench import handle
 from hapscene_evidence.bench.accuracy import angle_deg, distances, measure_accuracy
 from hapscene_evidence.bench.case import (
     PRESS_M,
@@ -22,8 +22,6 @@ from hapscene_evidence.bench.case import (
     sphere,
     sphere_cases,
 )
-from hapscene_evidence.bench.crowd import SPACING_M, grid
-from hapscene_evidence.bench.order import swatch_of_order
 from hapscene_evidence.bench.sheet import Sheet, spread
 from hapscene_evidence.bench.surface_fit import measure_fit
 from hapscene_evidence.bench.tick_time import (
@@ -33,6 +31,7 @@ from hapscene_evidence.bench.tick_time import (
     measure_effects,
     measure_harness,
     measure_tick,
+    swatch_of_order,
 )
 
 (CASE,) = sphere_cases((2,), 400)
@@ -56,13 +55,6 @@ def test_sphere_has_its_faces_on_its_radius_and_counts_have_short_names() -> Non
     assert len(mesh.faces) == 320
     assert np.linalg.norm(mesh.vertices_m, axis=1) == pytest.approx(RADIUS_M)
     assert [short(count) for count in (1280, 81_920, 1_310_720)] == ["1 k", "82 k", "1.31 M"]
-
-
-def test_grid_starts_at_the_origin() -> None:
-    place = grid(10)
-    assert place.shape == (10, 3) and not place[0].any()
-    apart = np.linalg.norm(place[:, None] - place, axis=2) + 10.0 * np.eye(10)
-    assert apart.min() == SPACING_M
 
 
 def test_direction_error_is_the_angle() -> None:
@@ -106,15 +98,6 @@ def test_all_figures_of_the_tick_are_measured() -> None:
     assert sheet.number(CASE.name, "triangles") == 320 and sheet.number(CASE.name, "ticks in contact") > 100
     assert ("tick, order 8", "tick p99.9") in sheet and ("harness", "four idle effects median") in sheet
     assert all(("profile", name) in sheet for name in EFFECTS)
-
-
-def test_synthesis_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(synthesis, "REPEATS", 1)
-    monkeypatch.setattr(synthesis, "DURATION_S", 0.5)
-    sheet = Sheet()
-    synthesis.measure_synthesis(sheet)
-    assert sheet.number("synthesis, order 40", "nine models for 10 s") > 0.0
-    assert sheet.number("synthesis, order 40", "nine models, alive over lfilter") > 0.0
 
 
 def test_time_and_memory_of_a_fit_are_measured() -> None:

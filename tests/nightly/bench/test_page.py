@@ -11,10 +11,10 @@ from hapscene.render.renderer import EFFECTS
 from hapscene_evidence.bench import machine
 from hapscene_evidence.bench.case import short
 from hapscene_evidence.bench.handle import SIGNALS
-from hapscene_evidence.bench.order import ORDERS
 from hapscene_evidence.bench.page import AIMS
 from hapscene_evidence.bench.run import bench, publish, write_results
 from hapscene_evidence.bench.sheet import Sheet
+from hapscene_evidence.bench.tick_time import ORDERS
 
 
 @pytest.fixture(scope="module")

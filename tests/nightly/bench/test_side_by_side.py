@@ -1,6 +1,7 @@
 """Comparison with other renderers: file formats, order of runs and tables, with a fake renderer."""
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from hapscene_evidence.bench.sheet import Sheet
 from hapscene_evidence.bench.side_by_side import OURS, Turn, beside, find_drivers, measure
 from hapscene_evidence.bench.side_by_side_page import add_peers
 from hapscene_evidence.page import Page
+
+RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 PEER = f"""#!{sys.executable}
 import struct, sys
@@ -39,7 +42,7 @@ print("build_ms 3.5")
 
 def section(sheet: Sheet | None) -> str:
     page = Page("")
-    add_peers(page, sheet)
+    add_peers(page, sheet, ())
     return page.markdown(Path())
 
 
@@ -110,13 +113,11 @@ def test_faulty_program_is_reported(tmp_path: Path, text: str, error: str) -> No
 
 def test_missing_programs_are_reported(tmp_path: Path) -> None:
     with pytest.raises(HapsceneError, match="chai_path"):
-        bench_peers(tmp_path, tmp_path / "out", True, None, None, (1, 0))
-    assert not (tmp_path / "out").exists()
+        find_drivers(tmp_path)
 
 
 def test_peers_write_table_and_page(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    bench_peers(build(tmp_path, "hapi_path"), out, True, None, None, (1, 0))
-    assert sorted(file.name for file in out.iterdir()) == ["peers.csv", "peers.md"]
-    assert Sheet.read(out / "peers.csv").number("hot, sphere 1 k, HAPI", "contact median") == 0.0
-    assert "| HAPI / hapscene's contact |" in (out / "peers.md").read_text(encoding="utf-8")
+    shutil.copytree(RESULTS / "bench", tmp_path / "bench")
+    bench_peers(build(tmp_path, "hapi_path"), tmp_path, sphere_cases((3,), 600), (1, 0))
+    assert Sheet.read(tmp_path / "bench" / "peers.csv").number("hot, sphere 1 k, HAPI", "contact median") == 0.0
+    assert "| HAPI / hapscene's contact |" in (tmp_path / "benchmark.md").read_text(encoding="utf-8")

@@ -20,12 +20,11 @@ from hapscene_evidence.chart import (
     acceleration_rate,
     compensator,
     force_rate,
-    groove,
     mesh,
+    proxy,
     run,
     stabiliser,
     texture,
-    tip,
 )
 from hapscene_evidence.chart.measuring import apart_jnd, stroke_path, texture_bands
 from hapscene_evidence.chart.texture_update import followed, held_error
@@ -111,14 +110,14 @@ def test_coarser_sphere_has_larger_errors_and_shading_reduces_them() -> None:
 
 
 def test_projection_converges_by_the_cosine_and_active_set_is_exact() -> None:
-    one, next_ = (groove.error(20.0, steps)["off"] for steps in (10, 11))
+    one, next_ = (proxy.error(20.0, steps)["off"] for steps in (10, 11))
     assert next_ / one == pytest.approx(math.cos(math.radians(20.0)), rel=1e-6)
-    assert groove.error(20.0, 0)["off"] == groove.ROUNDING_M * 1e3
+    assert proxy.error(20.0, 0)["off"] == proxy.ROUNDING_M * 1e3
 
 
 def test_point_sinks_deeper_into_a_groove_than_a_ball() -> None:
-    assert tip.error(2e-3, ball=False)["off"] == pytest.approx(2.0 * (math.sqrt(2.0) - 1.0), rel=1e-6)
-    assert tip.error(2e-3, ball=True)["off"] < 1e-3
+    assert proxy.error(ball=False)["off"] == pytest.approx(2.0 * (math.sqrt(2.0) - 1.0), rel=1e-6)
+    assert proxy.error(ball=True)["off"] < 1e-3
 
 
 @pytest.mark.parametrize("name", run.QUESTIONS)

@@ -11,14 +11,13 @@ from hapscene.capture.fit.distance import residual, spectrum
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant
-from hapscene_evidence.bench.teleoperation import Rendering
 from hapscene_evidence.paper import handle_figure, penn_toolkit
 from hapscene_evidence.paper.handle_figure import CORNER_HZ, Trials, approximated, misfit_dB
 from hapscene_evidence.paper.interpolation_table import FITTED, ar_from_cepstrum, cepstrum, interpolation_errors
 from hapscene_evidence.paper.material import load_materials
 from hapscene_evidence.paper.paper_page import TABLE_ONE, page_of, summary, table_of_numbers
 from hapscene_evidence.paper.prediction_figure import predictor, synthetic
-from hapscene_evidence.paper.remote_figure import remote_numbers
+from hapscene_evidence.paper.remote_figure import Rendering, remote_numbers
 from hapscene_evidence.paper.result import FigureResult, Number
 from hapscene_evidence.paper.tap_study import distances
 
@@ -86,10 +85,10 @@ def test_the_approximate_model_is_the_inverse_of_the_compensator(trials: Trials)
 
 
 def test_errors_are_relative_to_the_base_motors_alone() -> None:
-    desired = np.random.default_rng(0).standard_normal(10_000)
+    desired = np.zeros(9)
     renderings = [
-        Rendering(name, desired, share * desired, 0.0, {"all": error, "tap": error, "stroke": error})
-        for name, share, error in (("none", 0.2, 0.8), ("inverse", 0.6, 0.4), ("flat", 0.6, 0.2))
+        Rendering(name, desired, desired, dict.fromkeys(("all", "tap", "stroke", "above"), error))
+        for name, error in (("none", 80.0), ("inverse", 40.0), ("flat", 20.0))
     ]
     numbers = {n.quantity: n for n in remote_numbers(renderings)}
     reference = numbers["error with the base motors alone"]
@@ -129,11 +128,11 @@ def test_missing_recordings_are_synthesised_and_named(shared: Path, tmp_path: Pa
 
 
 def test_page_is_self_contained_and_escaped() -> None:
-    numbers = [Number("<b>", -1.5, "dB", 2.0, "Fig. 4", "a & b"), *(Number(f"n{i}", i) for i in range(20))]
+    numbers = [Number("<b>", -1.5, "dB", 2.0, "Fig. 4", "a & b")]
     results = {"fig4": FigureResult("<script>: it", "<i>", numbers, [])}
     html = page_of(results, load_materials(None)).html()
     assert "<script>" not in html and "<i>" not in html and "&lt;b&gt;" in html and "−1.5 dB" in html
-    assert "2 dB (Fig. 4)" in html and "color-scheme: light dark" in html and "<summary>21 numbers" in html
+    assert "2 dB (Fig. 4)" in html and "color-scheme: light dark" in html
     assert not re.search(r'(?:src|href)="(?!#|data:)', html) and "url(" not in html
     assert "| <script>: <b> | 2 dB (Fig. 4) | −1.5 dB | a & b |" in summary(results, load_materials(None)).markdown(
         Path()

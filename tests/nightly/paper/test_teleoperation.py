@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from hapscene_evidence.bench.teleoperation import Rendering, compare_handles
+from hapscene_evidence.paper.remote_figure import Rendering, compare_handles
 
 
 @pytest.fixture(scope="module")
 def renderings() -> list[Rendering]:
-    return compare_handles("wood", ("none", "inverse"))
+    return compare_handles(("none", "inverse"), taps=3, strokes=4)
 
 
 def test_handle_reduces_the_error_of_the_base_motors(renderings: list[Rendering]) -> None:
     alone, handle = renderings
-    assert alone.errors["stroke"] > 0.9 and handle.errors["stroke"] < 0.25
+    assert alone.errors["stroke"] > 90.0 and handle.errors["stroke"] < 25.0
     assert handle.errors["all"] < 0.7 * alone.errors["all"]
 
 
 @pytest.mark.parametrize("grip", ["light", "medium", "firm"])
 def test_two_taps_and_five_drags_on_wood(grip: str) -> None:
     """The paper's experiment: motion of base motors and handle is not counted twice."""
-    inverse, adaptive = compare_handles("wood", ("inverse", "adaptive"), grip, taps=2, strokes=5)
-    assert adaptive.errors["all"] < min(0.30, inverse.errors["all"] + 0.02)
+    inverse, adaptive = compare_handles(("inverse", "adaptive"), grip)
+    assert adaptive.errors["all"] < min(30.0, inverse.errors["all"] + 2.0)
 
 
 def test_latency_is_removed(renderings: list[Rendering]) -> None:
