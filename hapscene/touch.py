@@ -307,14 +307,14 @@ def touch(
         say: called with progress messages.
         caution: called with each of `cautions`; None for `say`.
         bridge: MuJoCo model of the scene, which is simulated meanwhile; pictures show its initial state.
-        how: further arguments of `Renderer`. With a `fidelity`, faces in the recording are those of the coarser mesh.
+        how: further arguments of `Renderer`.
 
     Returns:
         The files written.
 
     Raises:
-        HapsceneError: the fidelity belongs to another scene, an effect is unknown, a rate is invalid, or the path is
-            not finite or too long for the available memory.
+        HapsceneError: an effect is unknown, a rate is invalid, or the path is not finite or too long for the available
+            memory.
         OSError: the folder cannot be written.
     """
     from hapscene.render.renderer import Renderer
