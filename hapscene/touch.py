@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, SCENE_SUFFIXES, TICK_S
-from hapscene.errors import PathError, SceneError, ViewError
+from hapscene.errors import SceneError, ViewError
 from hapscene.flags import Flag
 from hapscene.io.files import whole_folder
-from hapscene.memory import memory_left_B
 from hapscene.render.recording import Recording
 
 if TYPE_CHECKING:
@@ -254,28 +253,6 @@ def open_model(
     return load_mujoco(path, swatch)
 
 
-_TICK_B: Final = 500
-"""Memory of a tick until it is written and plotted [bytes] (measured)."""
-
-_SAMPLE_B: Final = 50
-"""Memory of each acceleration sample [bytes] (measured)."""
-
-_FEEL_B: Final = 800
-"""Additional memory of a tick in closed loop [bytes] (measured)."""
-
-
-def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) -> None:
-    """Raise PathError if the recording of a path of `count` ticks does not fit into the available memory."""
-    left_B = memory_left_B()
-    each_B = _TICK_B + _SAMPLE_B * tick_s * a_rate_Hz + more_B
-    if count * each_B > left_B:
-        needed_MB = np.rint(count * each_B / 1e6)
-        raise PathError(
-            f"the path is too long: its recording of {count * tick_s:,.0f} s needs {needed_MB:,.9g} MB of memory, and "
-            f"{left_B / 1e6:,.0f} MB are available, enough for {left_B / each_B * tick_s:,.0f} s: split the path"
-        )
-
-
 def touch(
     scene: "Scene",
     out: str | Path,
@@ -313,13 +290,11 @@ def touch(
         The files written.
 
     Raises:
-        HapsceneError: an effect is unknown, a rate is invalid, or the path is not finite or too long for the available
-            memory.
+        HapsceneError: an effect is unknown, a rate is invalid, or the path is not finite.
         OSError: the folder cannot be written.
     """
     from hapscene.render.renderer import Renderer
 
-    _check_memory(len(p_WT), tick_s, a_rate_Hz)
     with whole_folder(out, ours=MADE) as folder:
         with step(say, f"preparing {_describe_size(scene)}"):
             renderer = Renderer(scene, tick_s=tick_s, a_rate_Hz=a_rate_Hz, **how)
@@ -363,8 +338,6 @@ def touch_by_hand(
     """
     from hapscene.loop.result import summarise_result
     from hapscene.view.plot import write_hand_plot
-
-    _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)
 
     with whole_folder(out, ours=MADE_BY_HAND) as folder:
         with step(say, f"preparing {_describe_size(scene)}"):

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from scipy.io import wavfile
 
-from hapscene.errors import PathError, SceneError, ViewError
+from hapscene.errors import SceneError, ViewError
 from hapscene.flags import Flag
 from hapscene.render.recording import Recording
 from hapscene.render.renderer import Renderer
@@ -104,17 +104,6 @@ def test_job_that_fails_midway_leaves_what_was_there(
             touch(scene, out, p_WT)
     assert [file.name for file in tmp_path.iterdir()] == ["old"]
     assert [(file.name, file.read_text()) for file in old.iterdir()] == [("touch.npz", "of an earlier run")]
-
-
-def test_a_path_that_does_not_fit_into_the_memory_is_refused_before(
-    tmp_path: Path, scene: Scene, p_WT: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("hapscene.touch.memory_left_B", lambda: 2e6)
-    with pytest.raises(PathError, match="3,600 s"):
-        touch(scene, tmp_path / "out", np.zeros((3_600_000, 3)))
-    with pytest.raises(PathError, match="MB"):
-        touch(scene, tmp_path / "out", np.zeros((10_000, 3)), a_rate_Hz=1e303)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene import __version__
-from hapscene.cli.console import note_little_memory, print_error, print_note, ready_streams
+from hapscene.cli.console import print_error, print_note, ready_streams
 from hapscene.errors import HapsceneError
 from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
 
@@ -99,7 +99,6 @@ def _run(tokens: list[str]) -> int:
     from cyclopts import CycloptsError
 
     warnings.showwarning = _show_warning
-    note_little_memory()
     try:
         code = app()(tokens)
     except CycloptsError as error:
