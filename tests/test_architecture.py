@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
 FOUNDATION = {
-    *("clock", "compiled", "constants", "dsp", "errors", "flags", "geometry", "io", "memory", "parallel"),
+    *("clock", "compiled", "constants", "dsp", "errors", "flags", "geometry", "io", "parallel"),
     *("perception", "plugin_registry", "records", "wall_clock", "web"),
 }
 """Imports nothing above it."""

@@ -25,9 +25,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "desk.scene.json"
 
 
-@pytest.mark.parametrize("suffix", ["glb", "gltf"])
-def test_round_trip(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
+def test_round_trip(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, back = desk.with_name("desk.glb"), desk.with_name("back.scene.json")
     assert main(["convert", str(desk), str(file)]) == 0
     output = capsys.readouterr().out
     assert str(file) in output and "not read again from this format" in output
@@ -97,7 +96,7 @@ def test_material_names_select_swatches(desk: Path, capsys: pytest.CaptureFixtur
     assert main(["convert", str(file), str(desk.with_name("part.glb")), "--unit", "mm"]) == 0
 
 
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "obj", "ply", "stl"])
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
 def test_interrupted_export_leaves_no_file(
     suffix: str, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -405,7 +405,7 @@ FORMATS: Mapping[str, Format] = {
     "zip": Format(packed, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),
-    "fine-glb": painted("x.gltf", fine=True),
+    "fine-glb": painted("x.glb", fine=True),
     "scene": Format(
         written(lambda path: scene().save(path), "x.scene.json"),
         lambda path: sum(len(body.mesh.faces) for body in hapscene.load_scene(path).bodies),
