@@ -163,16 +163,11 @@ MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
 """Files that `touch_by_hand` writes."""
 
 
-LARGE_B: Final = 10_000_000
-"""Size of a mesh file from which the stages of loading are printed [bytes]: loading takes a second or more."""
-
-
 def open_scene(
     path: str | Path,
     unit: str | None = None,
     swatch: str | None = None,
     two_sided: bool = False,
-    say: Callable[[str], None] = lambda text: None,
     *,
     up: str | None = None,
     scale: float = 1.0,
@@ -184,7 +179,6 @@ def open_scene(
         unit: unit of the mesh, if its file has none.
         swatch: swatch for the whole mesh, which overrides the file: a name, or a .swatch file.
         two_sided: render contact from both sides of the faces.
-        say: called with the stages of loading a large mesh file.
         up, scale: up axis of the mesh file, and scale factor: see `hapscene.load_mesh`.
 
     Raises:
@@ -213,15 +207,10 @@ def open_scene(
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
 
-    size_B = Path(path).stat().st_size if Path(path).is_file() else 0
-    if size_B >= LARGE_B:
-        say(f"reading {size_B / 1e6:.0f} MB … ")
     scene = None if swatch or two_sided else painted_scene(path, unit, up=up, scale=scale)
     if scene is None:
         scene = Scene()
         mesh = scene.mesh_of(path, unit, up=up, scale=scale)
-        if size_B >= LARGE_B:
-            say(f"checking {len(mesh.faces):,} faces … ")
         scene.add(mesh, swatch=swatch, two_sided=two_sided)
     return scene
 

@@ -126,17 +126,6 @@ def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
     assert opened.bodies[0].two_sided
 
 
-def test_large_files_are_opened_stage_by_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    trimesh.creation.box((20, 20, 20)).export(tmp_path / "cube.stl")
-    said: list[str] = []
-    open_scene(tmp_path / "cube.stl", unit="mm", say=said.append)
-    assert said == []
-    monkeypatch.setattr("hapscene.touch.LARGE_B", 600)
-    opened = open_scene(tmp_path / "cube.stl", unit="mm", say=said.append)
-    assert said == ["reading 0 MB … ", "checking 12 faces … "]
-    assert opened.add(tmp_path / "cube.stl", unit="mm").mesh is opened.bodies[0].mesh
-
-
 def bowl(two_sided: bool = False) -> Scene:
     """A ball wound inward, but for one face, which is not there."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.01)

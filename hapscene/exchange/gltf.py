@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from hapscene import __version__
 from hapscene.errors import SceneError
 from hapscene.exchange.cut_faces import cut_faces
-from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, fine_to_json, groups_of
+from hapscene.exchange.swatch_payload import VERSION, digest_of, fine_to_json, groups_of
 from hapscene.io.files import Json, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.material import Material, picture_file
@@ -254,8 +254,7 @@ class _Writer:
             extras["sha256"] = digest_of(swatch)
             if source is not None:
                 extras[SOURCE] = source.name
-            if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
-                extras["swatch_file"] = text
+            extras["swatch_file"] = swatch_to_json(swatch)
         elif overlay < 1.0 or soft:
             found["alphaMode"] = "BLEND"
         found |= {"doubleSided": two_sided or (source is not None and source.two_sided), "extras": extras}

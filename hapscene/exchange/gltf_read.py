@@ -349,7 +349,7 @@ class _Reader:
         name, text = extras.get("hapscene_swatch"), extras.get("swatch_file")
         if isinstance(name, str) and is_digest(extras.get("sha256")):
             text = text if isinstance(text, str) else None
-            return restore(self.path, name, extras, extras.get("albedo_rgb"), extras["sha256"], text)
+            return restore(self.path, name, extras["sha256"], text)
         if not isinstance(name, str):
             name = str(material.get("name", "")).rpartition("/")[2]  # after the material of the mesh file
         if known_swatch(name) is not None:
