@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.__main__ import run
 from hapscene.cli import main
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene, load_scene
@@ -74,18 +73,6 @@ def test_replace(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert desk.with_name("desk.mtl").read_text().startswith("newmtl")
 
 
-def test_a_mesh_of_the_scene_is_not_replaced(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (mesh,) = desk.parent.glob("desk.tetra.*.ply")
-    before = mesh.read_bytes()
-    assert main(["convert", str(desk), str(mesh), "--replace"]) == 2
-    assert str(mesh) in capsys.readouterr().err
-    assert mesh.read_bytes() == before
-    plain = desk.with_name("tetra.ply")
-    plain.write_bytes(before)
-    assert main(["convert", str(plain), str(plain), "--unit", "m", "--replace"]) == 2
-    assert plain.read_bytes() == before and load_scene(desk).bodies
-
-
 def test_material_names_select_swatches(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = desk.with_name("part.obj")
     file.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nusemtl paper\nf 1 2 3\n")
@@ -107,14 +94,3 @@ def test_interrupted_export_leaves_no_file(
     monkeypatch.setattr(Path, "chmod", interrupt)
     assert main(["convert", str(desk), str(desk.with_name(f"desk.{suffix}"))]) == 130
     assert capsys.readouterr().err.count("\n") == 1 and sorted(desk.parent.iterdir()) == before
-
-
-def test_interrupt_after_the_command_has_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr("hapscene.cli.main", lambda: 0)
-    try:
-        with pytest.raises(SystemExit) as ended:
-            run()
-        assert ended.value.code == 0 and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -211,18 +211,6 @@ def test_debug_shows_the_traceback(folder: Path) -> None:
             main(arguments)
 
 
-def test_interrupt_is_one_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*arguments: object, **more: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("hapscene.view.plot.write_plot", interrupt)
-    assert main([*TOUCH, "--swatch", "wood"]) == 130
-    assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
-    assert not (folder / "out").exists()
-
-
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0 and capsys.readouterr().out == f"hapscene {__version__}\n"
 
@@ -232,15 +220,6 @@ def test_effects_are_listed_with_units(capsys: pytest.CaptureFixture[str]) -> No
     output = capsys.readouterr().out
     assert "wall  (hapscene" in output and "damping_Ns_m" in output and "N·s/m" in output
     assert "settings={'guide': {…}} sets its parameters, points_m, normal, bodies\n" in output
-
-
-def test_check_and_fix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "cube.stl", "--unit", "mm", "--fix", "mended.ply"]) == 0
-    output = capsys.readouterr().out
-    assert "20 mm × 20 mm × 20 mm" in output and "repaired: " in output and "mended.ply" in output
-    assert main(["check", "mended.ply", "--unit", "m"]) == 0
-    output = capsys.readouterr().out
-    assert "8 vertices" in output and "closed" in output and "20 mm × 20 mm × 20 mm" in output
 
 
 def test_demo_touches_three_bodies_and_four_swatches(
