@@ -70,12 +70,11 @@ def effects() -> None:
 
 
 @app.command
-def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a first touch needs")] = False) -> None:
+def warmup() -> None:
     """Compile all functions in advance, so that later commands start without delay.
 
     examples:
       hapscene lab warmup
-      hapscene lab warmup --quick
     """
     from hapscene.compiled.cache import cache_folder
     from hapscene.compiled.native import INTERPRETED
@@ -87,7 +86,7 @@ def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a fir
     if folder is None:
         raise HapsceneError("no folder for the compilation cache is writable; set NUMBA_CACHE_DIR to a writable folder")
     start_s = time.perf_counter()
-    warm_up(quick)
+    warm_up()
     count = sum(1 for _ in folder.glob("*.nbc"))
     print(f"compiled {count} function{'' if count == 1 else 's'} to {folder}; {time.perf_counter() - start_s:.0f} s")
 
