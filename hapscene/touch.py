@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, SCENE_SUFFIXES, TICK_S
-from hapscene.errors import PathError, SceneError, ViewError
+from hapscene.errors import SceneError, ViewError
 from hapscene.flags import Flag
 from hapscene.io.files import whole_folder
-from hapscene.memory import memory_left_B
 from hapscene.render.recording import Recording
 
 if TYPE_CHECKING:
@@ -164,16 +163,11 @@ MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
 """Files that `touch_by_hand` writes."""
 
 
-LARGE_B: Final = 10_000_000
-"""Size of a mesh file from which the stages of loading are printed [bytes]: loading takes a second or more."""
-
-
 def open_scene(
     path: str | Path,
     unit: str | None = None,
     swatch: str | None = None,
     two_sided: bool = False,
-    say: Callable[[str], None] = lambda text: None,
     *,
     up: str | None = None,
     scale: float = 1.0,
@@ -185,7 +179,6 @@ def open_scene(
         unit: unit of the mesh, if its file has none.
         swatch: swatch for the whole mesh, which overrides the file: a name, or a .swatch file.
         two_sided: render contact from both sides of the faces.
-        say: called with the stages of loading a large mesh file.
         up, scale: up axis of the mesh file, and scale factor: see `hapscene.load_mesh`.
 
     Raises:
@@ -214,15 +207,10 @@ def open_scene(
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
 
-    size_B = Path(path).stat().st_size if Path(path).is_file() else 0
-    if size_B >= LARGE_B:
-        say(f"reading {size_B / 1e6:.0f} MB … ")
     scene = None if swatch or two_sided else painted_scene(path, unit, up=up, scale=scale)
     if scene is None:
         scene = Scene()
         mesh = scene.mesh_of(path, unit, up=up, scale=scale)
-        if size_B >= LARGE_B:
-            say(f"checking {len(mesh.faces):,} faces … ")
         scene.add(mesh, swatch=swatch, two_sided=two_sided)
     return scene
 
@@ -252,28 +240,6 @@ def open_model(
                 f"{path}: {option} does not apply to a MuJoCo model, which is in metres and one-sided: omit it"
             )
     return load_mujoco(path, swatch)
-
-
-_TICK_B: Final = 500
-"""Memory of a tick until it is written and plotted [bytes] (measured)."""
-
-_SAMPLE_B: Final = 50
-"""Memory of each acceleration sample [bytes] (measured)."""
-
-_FEEL_B: Final = 800
-"""Additional memory of a tick in closed loop [bytes] (measured)."""
-
-
-def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) -> None:
-    """Raise PathError if the recording of a path of `count` ticks does not fit into the available memory."""
-    left_B = memory_left_B()
-    each_B = _TICK_B + _SAMPLE_B * tick_s * a_rate_Hz + more_B
-    if count * each_B > left_B:
-        needed_MB = np.rint(count * each_B / 1e6)
-        raise PathError(
-            f"the path is too long: its recording of {count * tick_s:,.0f} s needs {needed_MB:,.9g} MB of memory, and "
-            f"{left_B / 1e6:,.0f} MB are available, enough for {left_B / each_B * tick_s:,.0f} s: split the path"
-        )
 
 
 def touch(
@@ -307,19 +273,17 @@ def touch(
         say: called with progress messages.
         caution: called with each of `cautions`; None for `say`.
         bridge: MuJoCo model of the scene, which is simulated meanwhile; pictures show its initial state.
-        how: further arguments of `Renderer`. With a `fidelity`, faces in the recording are those of the coarser mesh.
+        how: further arguments of `Renderer`.
 
     Returns:
         The files written.
 
     Raises:
-        HapsceneError: the fidelity belongs to another scene, an effect is unknown, a rate is invalid, or the path is
-            not finite or too long for the available memory.
+        HapsceneError: an effect is unknown, a rate is invalid, or the path is not finite.
         OSError: the folder cannot be written.
     """
     from hapscene.render.renderer import Renderer
 
-    _check_memory(len(p_WT), tick_s, a_rate_Hz)
     with whole_folder(out, ours=MADE) as folder:
         with step(say, f"preparing {_describe_size(scene)}"):
             renderer = Renderer(scene, tick_s=tick_s, a_rate_Hz=a_rate_Hz, **how)
@@ -363,8 +327,6 @@ def touch_by_hand(
     """
     from hapscene.loop.result import summarise_result
     from hapscene.view.plot import write_hand_plot
-
-    _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)
 
     with whole_folder(out, ours=MADE_BY_HAND) as folder:
         with step(say, f"preparing {_describe_size(scene)}"):

@@ -47,22 +47,21 @@ _LATER: Final = (*_CONTACT, drive, operate)
 """Large functions, declared in advance so that the progress line shows their total number."""
 
 
-def warm_up(quick: bool = False) -> None:
-    """Compile all features that are not cached yet; with `quick`, only those of a first touch.
+def warm_up() -> None:
+    """Compile all features that are not cached yet.
 
     Raises:
         HapsceneError: a feature does not compile or cannot be set up, such as shared memory for the servo.
     """
-    effects = [load_effect(name).render for name in (EFFECTS if quick else ALL_EFFECTS)]
-    with compiling(*_FIRST, *effects, *(() if quick else _LATER)):
+    effects = [load_effect(name).render for name in ALL_EFFECTS]
+    with compiling(*_FIRST, *effects, *_LATER):
         _touch(_scene())
-        if not quick:
-            _touch_with_everything(_scene())
-            _close_the_loop(_scene())
-            _serve(_scene())
-            _teleoperate()
-            _play_on_handle()
-            _paint(_scene())
+        _touch_with_everything(_scene())
+        _close_the_loop(_scene())
+        _serve(_scene())
+        _teleoperate()
+        _play_on_handle()
+        _paint(_scene())
 
 
 def _scene() -> Scene:

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
 FOUNDATION = {
-    *("clock", "compiled", "constants", "dsp", "errors", "flags", "geometry", "io", "memory", "parallel"),
+    *("clock", "compiled", "constants", "dsp", "errors", "flags", "geometry", "io", "parallel"),
     *("perception", "plugin_registry", "records", "wall_clock", "web"),
 }
 """Imports nothing above it."""
@@ -45,7 +45,7 @@ APART = {
 
 EXCEPTIONS = {
     "fidelity/trial.py": {"motion"},  # strokes that the search tries
-    "fidelity/tune.py": {"handle", "motion", "touch"},  # scenes are opened in each process of the search
+    "fidelity/tune.py": {"motion", "touch"},  # scenes are opened in each process of the search
     "handle/measure.py": {"capture"},  # recordings of a sweep are read like other recordings
     "handle/identification_report.py": {"view"},  # plots of the report
     "handle/live_process.py": {"loop"},  # reads the samples in the servo's memory

@@ -1,8 +1,7 @@
 """No file of the tree contains a banned phrase: a vague or metaphorical word in place of a technical term.
 
-Identifiers count as well. docs/reference/glossary.md lists the terms. Four uses are permitted: the stored names
-"hapscene flight", flight.npz and flight.json of the session log; the stored key "told" of fidelity files; "round
-trip"; and the name PulseAudio.
+Identifiers count as well. docs/reference/glossary.md lists the terms. Three uses are permitted: the stored names
+"hapscene flight", flight.npz and flight.json of the session log; "round trip"; and the name PulseAudio.
 """
 
 import re

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from scipy.io import wavfile
 
-from hapscene.errors import PathError, SceneError, ViewError
+from hapscene.errors import SceneError, ViewError
 from hapscene.flags import Flag
 from hapscene.render.recording import Recording
 from hapscene.render.renderer import Renderer
@@ -106,17 +106,6 @@ def test_job_that_fails_midway_leaves_what_was_there(
     assert [(file.name, file.read_text()) for file in old.iterdir()] == [("touch.npz", "of an earlier run")]
 
 
-def test_a_path_that_does_not_fit_into_the_memory_is_refused_before(
-    tmp_path: Path, scene: Scene, p_WT: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("hapscene.touch.memory_left_B", lambda: 2e6)
-    with pytest.raises(PathError, match="3,600 s"):
-        touch(scene, tmp_path / "out", np.zeros((3_600_000, 3)))
-    with pytest.raises(PathError, match="MB"):
-        touch(scene, tmp_path / "out", np.zeros((10_000, 3)), a_rate_Hz=1e303)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:
     recording = Renderer(scene).run(p_WT)
     flags = np.zeros(len(p_WT), np.uint32)
@@ -135,17 +124,6 @@ def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
     opened = open_scene(tmp_path / "cube.stl", unit="mm", two_sided=True)
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(0.02 * np.sqrt(3))
     assert opened.bodies[0].two_sided
-
-
-def test_large_files_are_opened_stage_by_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    trimesh.creation.box((20, 20, 20)).export(tmp_path / "cube.stl")
-    said: list[str] = []
-    open_scene(tmp_path / "cube.stl", unit="mm", say=said.append)
-    assert said == []
-    monkeypatch.setattr("hapscene.touch.LARGE_B", 600)
-    opened = open_scene(tmp_path / "cube.stl", unit="mm", say=said.append)
-    assert said == ["reading 0 MB … ", "checking 12 faces … "]
-    assert opened.add(tmp_path / "cube.stl", unit="mm").mesh is opened.bodies[0].mesh
 
 
 def bowl(two_sided: bool = False) -> Scene:

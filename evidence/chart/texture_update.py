@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 
 from hapscene.constants import STIFFNESS_N_M, TICK_S
-from hapscene.fidelity.tune import UPDATES
 from hapscene.motion.hand_path import STROKE_M_S, PathBuilder
 from hapscene.motion.look_from_above import look_from_above
 from hapscene.render.renderer import Renderer
@@ -18,8 +17,8 @@ from .measuring import ISRAR, Array, apart_jnd, texture_bands, texture_us
 from .question import Measure, Question, Setting
 from .texture import known_texture
 
-EVERY: Final = (1, 2, *sorted(UPDATES), 50)
-"""Ticks between updates of the filter [count]: those that `hapscene tune` tries, and others."""
+EVERY: Final = (1, 2, 4, 8, 16, 50)
+"""Ticks between updates of the filter [count]."""
 
 FORCE_N, SHARE, CHANGES_HZ = 1.0, 0.5, 3.0
 """Mean force of the stroking hand [N], relative amplitude of its variation [1], frequency of the variation [Hz]."""

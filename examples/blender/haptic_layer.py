@@ -67,12 +67,10 @@ def add_swatch(context, name, colour):
 
 
 def swatches_of(path):
-    """Return the extras of all swatches in a .glb or .gltf file; Blender imports only materials that are in use."""
+    """Return the extras of all swatches in a GLB file; Blender imports only materials that are in use."""
     content = Path(path).read_bytes()
-    if content[:4] == b"glTF":
-        (size,) = struct.unpack_from("<I", content, 12)
-        content = content[20 : 20 + size]
-    extras = [material.get("extras", {}) for material in json.loads(content).get("materials", [])]
+    (size,) = struct.unpack_from("<I", content, 12)
+    extras = [material.get("extras", {}) for material in json.loads(content[20 : 20 + size]).get("materials", [])]
     return [own for own in extras if SWATCH in own]
 
 
@@ -168,8 +166,7 @@ def export_layer(context, path):
         for item in painted:
             item.data = item.data.copy()
             store_layer(item.data, known, made)
-        kind = "GLB" if path.suffix.lower() == ".glb" else "GLTF_EMBEDDED"
-        bpy.ops.export_scene.gltf(filepath=str(path), export_format=kind, export_extras=True)
+        bpy.ops.export_scene.gltf(filepath=str(path), export_format="GLB", export_extras=True)
     finally:
         for item, original in zip(painted, originals, strict=True):
             if item.data is not original:
@@ -239,7 +236,7 @@ class ImportHapticLayer(bpy.types.Operator, ImportHelper):
     bl_idname = "import_scene.haptic_layer"
     bl_label = "Import haptic layer"
     bl_options = {"UNDO"}  # noqa: RUF012 - as Blender requires
-    filter_glob: bpy.props.StringProperty(default="*.glb;*.gltf", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default="*.glb", options={"HIDDEN"})
 
     def execute(self, context):
         for text in import_layer(context, self.filepath):

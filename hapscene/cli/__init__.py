@@ -14,9 +14,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene import __version__
-from hapscene.cli.console import note_little_memory, print_error, print_note, ready_streams
+from hapscene.cli.console import print_error, print_note, ready_streams
 from hapscene.errors import HapsceneError
-from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
+from hapscene.interrupt import interrupted_by_ends
 
 if TYPE_CHECKING:
     from cyclopts import App, CycloptsError
@@ -74,8 +74,7 @@ def _guarded(tokens: list[str], debug: bool) -> int:
     """Run a command; print its error as one line, and return the exit code."""
     ready_streams()
     try:
-        with reraise_swallowed_interrupt():
-            return _run(tokens)
+        return _run(tokens)
     except KeyboardInterrupt as interrupt:
         if debug:
             raise
@@ -99,7 +98,6 @@ def _run(tokens: list[str]) -> int:
     from cyclopts import CycloptsError
 
     warnings.showwarning = _show_warning
-    note_little_memory()
     try:
         code = app()(tokens)
     except CycloptsError as error:

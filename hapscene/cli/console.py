@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 from hapscene.errors import Codes, printable
-from hapscene.memory import memory_limit_B
 
 __all__ = [
     "format_size",
-    "note_little_memory",
     "print_error",
     "print_files",
     "print_in_place",
@@ -89,21 +87,6 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
     """Format rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-LITTLE_B: Final = 512 << 20
-"""Memory limit below which a note is printed [bytes]. Touching a small scene takes 220 MB; the first time, while
-functions are compiled, it takes up to 500 MB."""
-
-
-def note_little_memory() -> None:
-    """Print a note if the memory limit of this process is low: the system kills a process without a message."""
-    limit_B = memory_limit_B()
-    if limit_B < LITTLE_B:
-        print_note(
-            f"the memory limit of this process is {limit_B / 2**20:.0f} MiB; touching a small scene takes 256 MiB, and "
-            f"up to {LITTLE_B >> 20} MiB the first time. Below that, the system may stall or kill the process"
-        )
 
 
 # Standard output and standard error.

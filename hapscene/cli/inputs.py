@@ -76,7 +76,7 @@ def load_input(path: str, options: MeshOptions, device: str = "omni") -> "Scene"
     from hapscene.touch import open_scene, step
 
     with step(print_progress, loading(path)):
-        scene = open_scene(path, options.unit, options.swatch, options.two_sided, print_progress, **options.reading())
+        scene = open_scene(path, options.unit, options.swatch, options.two_sided, **options.reading())
     print_size_advice(scene, path, device)
     return scene
 

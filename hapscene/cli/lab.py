@@ -21,12 +21,12 @@ from hapscene.cli.options import (
     OutFile,
     OutFolder,
     Positive,
-    Seed,
     Table,
     WorkerOptions,
 )
+from hapscene.cli.paths import base_name, new_file
 from hapscene.constants import DEFAULT_GRIP
-from hapscene.errors import HapsceneError
+from hapscene.errors import HapsceneError, SaveConflict
 
 if TYPE_CHECKING:
     from hapscene.fidelity.tune import Tuned
@@ -70,12 +70,11 @@ def effects() -> None:
 
 
 @app.command
-def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a first touch needs")] = False) -> None:
+def warmup() -> None:
     """Compile all functions in advance, so that later commands start without delay.
 
     examples:
       hapscene lab warmup
-      hapscene lab warmup --quick
     """
     from hapscene.compiled.cache import cache_folder
     from hapscene.compiled.native import INTERPRETED
@@ -87,7 +86,7 @@ def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a fir
     if folder is None:
         raise HapsceneError("no folder for the compilation cache is writable; set NUMBA_CACHE_DIR to a writable folder")
     start_s = time.perf_counter()
-    warm_up(quick)
+    warm_up()
     count = sum(1 for _ in folder.glob("*.nbc"))
     print(f"compiled {count} function{'' if count == 1 else 's'} to {folder}; {time.perf_counter() - start_s:.0f} s")
 
@@ -227,67 +226,56 @@ def tune(
     scene: Annotated[str, Help("Scene (.scene.json), painted scene of another format, mesh, or name of an asset")],
     /,
     *,
-    out: Annotated[OutFile, Help("Fidelity file to write (default: NAME.fidelity.json beside the scene)")] = None,
+    out: Annotated[OutFile, Help("Scene file to write (default: NAME.tuned.scene.json)")] = None,
     device: Annotated[str, Help("Haptic device whose limits apply")] = "omni",
-    handle: Annotated[str, Help("Vibration output: ideal, none, or a .handle file")] = "ideal",
-    budget_us: Annotated[Positive, Help("Time budget of a haptic tick [µs]")] = 50.0,
     jnd: Annotated[Positive, Help("Largest allowed difference [just-noticeable differences]")] = 1.0,
-    seed: Seed = 0,
-    explain: Annotated[bool, Help("Print the reason for each choice")] = False,
     mesh: MeshOptions = MeshOptions(),
 ) -> int:
     """Simplify a scene as far as a person cannot perceive the difference.
 
-    Finds the coarsest meshes, the lowest texture orders and the slowest filter
-    updates whose difference from the original scene stays below --jnd, and measures
-    the time of a tick on this machine. `hapscene touch --fidelity` applies the
-    result. Exit codes: 0 success; 1 the difference or the time budget is exceeded.
+    Finds the coarsest meshes and the lowest texture orders whose difference from
+    the original scene stays below --jnd, measures the time of a tick on this
+    machine, and writes the simplified scene. Its coarser meshes have no materials.
+    Exit codes: 0 success; 1 the difference is exceeded.
 
     examples:
-      hapscene tune demo.scene.json --explain
-      hapscene tune bunny.ply --unit m --swatch wood -o bunny.fidelity.json
-      hapscene touch demo.scene.json --fidelity demo.fidelity.json
+      hapscene tune demo
+      hapscene tune bunny.ply --unit m --swatch wood -o bunny.tuned.scene.json
+      hapscene touch demo.tuned.scene.json
     """
-    scene, mesh = find_asset(scene, mesh)
-    check_scene(scene, mesh)
+    path, mesh = find_asset(scene, mesh)
+    check_scene(path, mesh)
     from hapscene.device.model import device_named
-    from hapscene.fidelity.fidelity_file import check_fidelity_path, fidelity_beside, save_fidelity
     from hapscene.fidelity.trial import without_scene_warnings
-    from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
+    from hapscene.scene.scene_file import check_scene_path
     from hapscene.touch import is_model, open_scene
 
-    if is_model(scene):
-        raise HapsceneError(f"{scene}: a MuJoCo model cannot be tuned; expected a scene or a mesh")
-    out = out or fidelity_beside(scene)
-    check_fidelity_path(out)
+    if is_model(path):
+        raise HapsceneError(f"{path}: a MuJoCo model cannot be tuned; expected a scene or a mesh")
+    out = out or new_file(f"{base_name(path)}.tuned.scene.json")
+    check_scene_path(out)
+    if out.exists() and out.samefile(path):
+        raise SaveConflict(f"{out}: is the scene itself; choose another name for the simplified one")
     device_named(device)
-    reach_m_s2(handle)
     with without_scene_warnings():
-        loaded = open_scene(scene, mesh.unit, mesh.swatch, mesh.two_sided, **mesh.reading())
-    print_size_advice(loaded, scene, device)
-    found = run(loaded, device=device, handle=handle, budget_us=budget_us, jnd=jnd, seed=seed, say=print_progress)
-    save_fidelity(found.fidelity, out, loaded)
-    print_lines(_report(found, explain))
+        loaded = open_scene(path, mesh.unit, mesh.swatch, mesh.two_sided, **mesh.reading())
+    print_size_advice(loaded, path, device)
+    found = run(loaded, device=device, jnd=jnd, say=print_progress)
+    found.scene.save(out)
+    print_lines(_report(found))
     print_files([out])
     if not found.within_jnd:
         print_note(f"difference exceeded: {found.after['error_jnd']:.2g} JND; the limit is {jnd:g} JND")
-    if not found.within_budget:
-        print_note(f"budget exceeded: the longest tick takes {found.after['tick_worst_us']:.3g} of {budget_us:g} µs")
-    return 0 if found.within_jnd and found.within_budget else 1
+    return 0 if found.within_jnd else 1
 
 
-def _report(found: "Tuned", explain: bool) -> Iterator[str]:
+def _report(found: "Tuned") -> Iterator[str]:
     """The lines of the report: each choice, then the scene before and after."""
-    from hapscene.fidelity.trial import REPEATS, WORST
     from hapscene.fidelity.tune import WITHIN
 
     errors = ["not touched" if c.error_jnd is None else f"{c.error_jnd:.2f} JND" for c in found.choices]
-    rows = [(c.kind, c.name, c.what, error) for c, error in zip(found.choices, errors, strict=True)]
-    for choice, line in zip(found.choices, table(rows), strict=True):
-        yield line
-        if explain or choice.kept:
-            yield f"       {choice.why}"
+    yield from table([(c.kind, c.name, c.what, error) for c, error in zip(found.choices, errors, strict=True)])
     kinds = (
         *(("tick median", "tick_median_us", "µs", 1.0), ("tick p99", "tick_p99_us", "µs", 1.0)),
         *(("tick longest", "tick_worst_us", "µs", 1.0), ("memory", "memory_B", "MB", 1e-6)),
@@ -303,5 +291,3 @@ def _report(found: "Tuned", explain: bool) -> Iterator[str]:
         f"difference on test paths: at most {after['error_jnd']:.2f} JND in {WITHIN:g} % of the ticks in contact "
         f"(forces {after['force_jnd']:.2f}, vibrations {after['vibration_jnd']:.2f})"
     )
-    runs = f"{REPEATS} runs ({3 * REPEATS} if over budget)"
-    yield f"tick longest: {WORST:g}th percentile of the ticks in contact, each the minimum of {runs}"

@@ -4,18 +4,15 @@ import gc
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Final
 
-from cyclopts import Parameter
-
 from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
-from hapscene.cli.options import Grip, Help, MeshOptions, PageOptions, TipRadius
-from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX, UNITLESS
-from hapscene.interrupt import clear_interrupt
+from hapscene.cli.options import Help, MeshOptions, PageOptions
+from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX, UNITLESS
 
 if TYPE_CHECKING:
     from hapscene.paint.web.page import Page
@@ -26,25 +23,13 @@ NAP_S: Final = 0.5
 """Polling interval of the main thread [s]. Short, since a signal that arrives just before a sleep does not end it."""
 
 
-@Parameter(name="*", group="Simulated hand that touches the painted scene")
-@dataclass(frozen=True)
-class TouchOptions:
-    """Options of the simulated hand of the painter."""
-
-    device: Annotated[str, Help("Device: omni, omni-point, phantom-1.0 or premium-1.5")] = "omni"
-    grip: Grip = DEFAULT_GRIP
-    compensator: Annotated[str, Help("Compensator: adaptive, flat, inverse, naive; or no-handle")] = "adaptive"
-    tip_radius: TipRadius = 0.0
-    no_hand: Annotated[bool, Help("Paint without touching: do not start the process of the hand")] = False
-
-
 def paint(
     scene: Annotated[str | None, Help("Scene, mesh, or name of an asset (default: a copy of the demo)")] = None,
     /,
     *more: Annotated[str, Help("More meshes to add to the scene")],
     accept_changed: Annotated[bool, Help("Keep the painting of a changed mesh, if its face count is the same")] = False,
     mesh: MeshOptions = MeshOptions(),
-    hand: TouchOptions = TouchOptions(),
+    no_hand: Annotated[bool, Help("Paint without touching: do not start the process of the hand")] = False,
     page: PageOptions = PageOptions(),
 ) -> None:
     """Paint swatches onto a scene or mesh in the browser, and touch it with the mouse.
@@ -56,7 +41,7 @@ def paint(
     """
     with ExitStack() as ends:
         with rare_collections():
-            shown = _open_page(scene, more, accept_changed, mesh, hand, page, ends)
+            shown = _open_page(scene, more, accept_changed, mesh, no_hand, page, ends)
         gc.freeze()  # loaded objects live until the end: the collector can skip them
         _paint_until_ended(shown)
 
@@ -77,7 +62,7 @@ def _open_page(
     more: Sequence[str],
     accept_changed: bool,
     mesh: MeshOptions,
-    hand: TouchOptions,
+    no_hand: bool,
     page: PageOptions,
     ends: ExitStack,
 ) -> "Page":
@@ -98,16 +83,14 @@ def _open_page(
         lead_browser(server.url, Path(str(scene)).parent if is_scene else Path(), ends)
     from hapscene.paint.model.document import describe_scene_file
     from hapscene.paint.opening import earlier_scenes, open_session
-    from hapscene.paint.web.hand import HandConfig
     from hapscene.paint.web.page import Page
 
-    config = HandConfig(hand.device, hand.grip, hand.compensator, hand.tip_radius)
     session = open_session(scene, more, accept_changed=accept_changed, say=print_progress, **asdict(mesh))
-    print_size_advice(session.scene, scene or "", hand.device)
+    print_size_advice(session.scene, scene or "")
     for earlier in earlier_scenes(session.path, str(scene).endswith(BUNDLE_SUFFIX)):
         print_progress(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
     ask_upright = is_file and mesh.up is None
-    return Page(session, with_hand=not hand.no_hand, hand=config, server=server, ask_upright=ask_upright)
+    return Page(session, with_hand=not no_hand, server=server, ask_upright=ask_upright)
 
 
 def _paint_until_ended(page: "Page") -> None:
@@ -126,7 +109,7 @@ def _paint_until_ended(page: "Page") -> None:
                     print_progress(f"{problem}\n" if problem else "")
                     shown = problem
         except KeyboardInterrupt:
-            clear_interrupt()
+            pass
     session = page.context.session
     if page.kept:
         print_progress(

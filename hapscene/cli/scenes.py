@@ -143,7 +143,7 @@ def _report_on(mesh: "Mesh") -> bool:
 
 
 def convert(
-    source: Annotated[str, Help("Scene (.scene.json), .glb, .gltf, .ply, or any mesh file")],
+    source: Annotated[str, Help("Scene (.scene.json), .glb, .ply, or any mesh file")],
     target: Annotated[
         Path | None, Help("File to write (default: NAME.glb for a scene, NAME.scene.json for other files)")
     ] = None,
@@ -160,7 +160,7 @@ def convert(
 
       .scene.json                     import of a file written by hapscene, or of a
                                       mesh whose material names match swatch names
-      .glb .gltf .ply .obj .stl       export of a scene
+      .glb .ply .obj                  export of a scene
       .html                           page that anyone can touch and listen to:
                                       one file, for any browser, also on a phone
 

@@ -126,7 +126,6 @@ def touch(
     ] = None,
     rate: Annotated[Positive, Help("Sample rate of the acceleration channel [Hz]")] = ACCELERATION_RATE_HZ,
     seed: Seed = 0,
-    fidelity: Annotated[InFile | None, Help("Fidelity file written by `hapscene tune`")] = None,
     tip_radius: TipRadius = 0.0,
     no_picture: Annotated[bool, Help("Skip the picture scene.png")] = False,
     dark: Dark = False,
@@ -155,7 +154,7 @@ def touch(
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
-        render = {"settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
+        render = {"settings": of_effects, "seed": seed, "a_rate_Hz": rate}
         render |= {"tip_radius_m": tip_radius} | ({} if effects is None else {"effects": effects})
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
         if hand.hand is None:

@@ -1,4 +1,4 @@
-"""Export of painted scenes to GLB, glTF, PLY, OBJ and STL, and import from these files.
+"""Export of painted scenes to GLB, PLY, OBJ and HTML, and import from these files.
 
 ```python
 import hapscene

@@ -14,7 +14,7 @@ from hapscene.exchange.gltf import write_gltf
 from hapscene.exchange.gltf_read import read_gltf
 from hapscene.exchange.html_page import write_html
 from hapscene.exchange.swatch_payload import digest_of, known_swatch, warn_of_loss
-from hapscene.exchange.unpainted import read_named, write_obj, write_ply, write_stl
+from hapscene.exchange.unpainted import read_named, write_obj, write_ply
 from hapscene.io.files import check_file, naming
 from hapscene.scene.fine_paint import parts, swatches_of
 from hapscene.scene.mesh import unit_name
@@ -48,28 +48,21 @@ class Export:
 _LOOK = "colours and textures of the mesh file"
 _ALWAYS = ("group names of the mesh file", "swatches of bodies before painting")
 _BLENDS = "blends of two swatches"
-_FINE = "paint of subdivided faces"
 _ATTACHED = "attached bodies"
+_OTHER = tuple(f"{what} a swatch not in the library" for what in ("paint with", "parameters of", "texture of"))
 _GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
 _PLAIN_LOSES = (
     *("bodies and their names", "poses", "two-sided", "shared meshes", _LOOK, *_ALWAYS),
-    *("paint with a swatch not in the library", "parameters of a swatch not in the library"),
-    *("texture of a swatch not in the library", "unused swatches", _BLENDS, _ATTACHED),
+    *(*_OTHER, "unused swatches", _BLENDS, _ATTACHED),
 )
 _OBJ_LOSES = (*_PLAIN_LOSES, "order of faces")
-_STL_LOSES = (
-    *(*_PLAIN_LOSES, "exact positions", "order of vertices", "paint with a swatch in the library"),
-    *("parameters of a swatch in the library", "texture of a swatch in the library", _FINE),
-)
 _PAGE_LOSES = ("data to import the page again", "stiffness, damping and friction", _BLENDS)
 
 EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {
         "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", write_gltf, _GLTF_LOSES),
-        "gltf": Export(".gltf", "glTF in one text file", write_gltf, _GLTF_LOSES),
         "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLAIN_LOSES),
         "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
-        "stl": Export(".stl", "STL: geometry only", write_stl, _STL_LOSES),
         "html": Export(".html", "page to touch in any browser, one file", write_html, _PAGE_LOSES),
     }
 )
@@ -87,17 +80,14 @@ def _in_library(swatch: Swatch) -> bool:
     return known is not None and digest_of(known) == digest_of(swatch)
 
 
-_KNOWN = ("paint with a", "parameters of a", "texture of a")
 _HAS: Final[Mapping[str, Callable[[Scene], bool]]] = {
     "poses": lambda scene: any((np.eye(4) != body.X_WB).any() for body in scene.bodies),
     "two-sided": lambda scene: any(body.two_sided for body in scene.bodies),
     "shared meshes": lambda scene: len({id(body.mesh) for body in scene.bodies}) < len(scene.bodies),
-    **{f"{what} swatch in the library": lambda scene: any(map(_in_library, _used(scene))) for what in _KNOWN},
-    **{f"{what} swatch not in the library": lambda scene: not all(map(_in_library, _used(scene))) for what in _KNOWN},
+    **dict.fromkeys(_OTHER, lambda scene: not all(map(_in_library, _used(scene)))),
     "unused swatches": lambda scene: len(_used(scene)) < len(scene.swatches) - 1,
     _ATTACHED: lambda scene: any(body.parent is not None for body in scene.bodies),
     _BLENDS: lambda scene: any(body.fine is not None and parts(body.fine.paint)[2].any() for body in scene.bodies),
-    _FINE: lambda scene: any(body.fine is not None for body in scene.bodies),
     _LOOK: lambda scene: any(body.mesh.colour_rgb is not None for body in scene.bodies),
     _ALWAYS[0]: lambda scene: any(len(body.mesh.group_names) > 1 for body in scene.bodies),
     _ALWAYS[1]: lambda scene: any(body.made_of is not None for body in scene.bodies),
@@ -113,12 +103,6 @@ def losses(scene: Scene, name: str) -> tuple[str, ...]:
         name: name of the format, a key of `EXPORTS`.
     """
     return tuple(aspect for aspect in EXPORTS[name].loses if aspect not in _HAS or _HAS[aspect](scene))
-
-
-_READERS: Final[Mapping[str, Callable[[Path], Scene | None]]] = MappingProxyType(
-    {".glb": read_gltf, ".gltf": read_gltf}
-)
-"""Readers by suffix; they return None for files that hapscene did not write."""
 
 
 def is_mesh_of(scene: Scene, path: str | os.PathLike[str]) -> bool:
@@ -158,9 +142,9 @@ def export_scene(
         path: file to write.
         name: name of the format, a key of `EXPORTS`. Default: by the suffix of the path.
         replace: replace existing files, except meshes of the scene.
-        show: layers that a glTF file shows: look, the materials of the mesh files; feel, the paint; or both, the paint
+        show: layers that a GLB file shows: look, the materials of the mesh files; feel, the paint; or both, the paint
             over the materials. The paint is stored in any case.
-        cut: cut faces at painted borders in a glTF file, so that each face has one swatch, and show no layer over the
+        cut: cut faces at painted borders in a GLB file, so that each face has one swatch, and show no layer over the
             faces. Programs that paint faces, such as Blender, need this. The faces stay cut on import.
 
     Returns:
@@ -186,7 +170,7 @@ def export_scene(
             raise SceneError(f"{file}: is a mesh of a scene and cannot be replaced; choose another name")
         if file.exists() and not replace:
             raise SaveConflict(f"{file}: exists already; choose another name, or replace it")
-    if name in ("glb", "gltf"):
+    if name == "glb":
         return write_gltf(scene, path, show, cut)
     if show != "both" or cut:
         option = "cut=True" if cut else f"show={show!r}"
@@ -222,9 +206,8 @@ def painted_scene(
 
 def _own_scene(path: Path, up: str | None, scale: float) -> Scene | None:
     """Read a scene from a file that `export_scene` wrote; return None for other files."""
-    reader = _READERS.get(path.suffix.lower())
     with naming(path):
-        scene = None if reader is None else reader(path)
+        scene = read_gltf(path) if path.suffix.lower() == ".glb" else None
     if scene is not None and (up is not None or scale != 1.0):
         raise SceneError(f"{path}: contains a painted scene with axis and size; omit --up and --scale")
     return scene
@@ -243,7 +226,7 @@ def import_scene(
     the library; the others are plain.
 
     Args:
-        path: GLB, glTF, or any mesh file.
+        path: GLB, or any mesh file.
         unit: unit of length of a mesh file, see `hapscene.load_mesh`; exported scenes are in metres.
         up, scale: vertical axis and scale of a mesh file, see `hapscene.load_mesh`; exported scenes define them.
 

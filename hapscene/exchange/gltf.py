@@ -1,4 +1,4 @@
-"""Export of scenes to glTF 2.0, as GLB or text: a node for each body, a mesh for each swatch on it.
+"""Export of scenes to glTF 2.0, as GLB: a node for each body, a mesh for each swatch on it.
 
     W (rotates z up to the y up of glTF) → bodies at their poses → meshes, one for each swatch of a body
 
@@ -14,7 +14,6 @@ mesh file, which is missing where a face wears the look of its swatch.
 glTF has no float64: positions are rounded to float32.
 """
 
-import base64
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 from hapscene import __version__
 from hapscene.errors import SceneError
 from hapscene.exchange.cut_faces import cut_faces
-from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, fine_to_json, groups_of
+from hapscene.exchange.swatch_payload import VERSION, digest_of, fine_to_json, groups_of
 from hapscene.io.files import Json, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.material import Material, picture_file
@@ -40,7 +39,7 @@ from hapscene.view.body_triangles import corner_normals
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
-__all__ = ["SOURCE", "Z_UP", "look_glb", "picture_glb", "write_gltf"]
+__all__ = ["SOURCE", "Z_UP", "glb_of", "look_glb", "picture_glb", "write_gltf"]
 
 GLB_MAX_B: Final = 2**32 - 1
 """Maximum size of a GLB file [bytes]: the length field is a uint32."""
@@ -59,11 +58,11 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
 
 
 def write_gltf(scene: Scene, path: Path, show: Show = "both", cut: bool = False) -> list[Path]:
-    """Write a scene as GLB or glTF, depending on the suffix.
+    """Write a scene as GLB.
 
     Args:
         scene: scene with at least one body.
-        path: the file, .glb or .gltf.
+        path: the file.
         show: visible layers; the paint is stored in any case.
         cut: see `hapscene.exchange.export_scene`.
 
@@ -74,14 +73,7 @@ def write_gltf(scene: Scene, path: Path, show: Show = "both", cut: bool = False)
     for body in scene.bodies:
         writer.add_body(_cut(body) if cut else body)
     writer.add_unused()
-    blob = b"".join(writer.chunks)
-    if path.suffix.lower() == ".glb":
-        content = _glb(writer.tree, blob, path)
-    else:
-        uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
-        writer.tree["buffers"] = [{"byteLength": len(blob), "uri": uri}]
-        content = json.dumps(writer.tree, ensure_ascii=False, allow_nan=False).encode()
-    write_whole(path, content, SceneError)
+    write_whole(path, glb_of(writer.tree, b"".join(writer.chunks), path), SceneError)
     return [path]
 
 
@@ -109,7 +101,7 @@ def look_glb(mesh: Mesh, two_sided: bool) -> bytes:
     writer = _Writer(Scene(), "look")
     face_swatch = np.zeros(len(mesh.faces), np.int16)
     writer.tree["nodes"] = writer.add_surface(Body("look", mesh, np.eye(4), two_sided, face_swatch))
-    return _glb(writer.tree, b"".join(writer.chunks), Path("look.glb"))
+    return glb_of(writer.tree, b"".join(writer.chunks), Path("look.glb"))
 
 
 def picture_glb(pixels: NDArray[np.float64]) -> bytes:
@@ -120,7 +112,7 @@ def picture_glb(pixels: NDArray[np.float64]) -> bytes:
     corners = np.eye(3)[None]
     primitive = writer.add_triangles(corners, material, TEXCOORD_0=corners[..., :2])
     writer.tree["nodes"] = [{"mesh": writer.add("meshes", {"primitives": [primitive]})}]
-    return _glb(writer.tree, b"".join(writer.chunks), Path("picture.glb"))
+    return glb_of(writer.tree, b"".join(writer.chunks), Path("picture.glb"))
 
 
 class _Writer:
@@ -262,8 +254,7 @@ class _Writer:
             extras["sha256"] = digest_of(swatch)
             if source is not None:
                 extras[SOURCE] = source.name
-            if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
-                extras["swatch_file"] = text
+            extras["swatch_file"] = swatch_to_json(swatch)
         elif overlay < 1.0 or soft:
             found["alphaMode"] = "BLEND"
         found |= {"doubleSided": two_sided or (source is not None and source.two_sided), "extras": extras}
@@ -362,7 +353,7 @@ class _Writer:
         return self.add("bufferViews", view)
 
 
-def _glb(tree: dict[str, Json], blob: bytes, path: Path) -> bytes:
+def glb_of(tree: dict[str, Json], blob: bytes, path: Path) -> bytes:
     """Return a GLB file: header, JSON chunk, binary chunk."""
     tree["buffers"] = [{"byteLength": len(blob)}]
     text = json.dumps(tree, ensure_ascii=False, allow_nan=False).encode()

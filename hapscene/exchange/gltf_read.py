@@ -1,15 +1,13 @@
-"""Import of scenes from glTF files of `hapscene.exchange.gltf`, also after other programs have edited them.
+"""Import of scenes from GLB files of `hapscene.exchange.gltf`, also after other programs have edited them.
 
-Files are untrusted: sizes are checked before memory is allocated, nodes may not form a cycle, and only files in the
-same folder are opened (`hapscene.scene.resource_resolver`). Meshes that another program added without a hapscene body
-become bodies. Materials, textures and colours are for display only: what is damaged is left out.
+This module reads bodies, poses and swatches; trimesh reads the faces with their look, from a copy of the file that has
+one mesh for each primitive. Files are untrusted: sizes are checked before memory is allocated, and nodes may not form a
+cycle. Meshes that another program added without a hapscene body become bodies. Materials, textures and colours are for
+display only: where they are damaged, they are left out.
 """
 
-import base64
-import binascii
-import contextlib
+import io
 import itertools
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
-from hapscene.exchange.gltf import SOURCE
+from hapscene.exchange.gltf import SOURCE, glb_of
 from hapscene.exchange.swatch_payload import (
     check_version,
     is_digest,
@@ -30,44 +28,44 @@ from hapscene.exchange.swatch_payload import (
 )
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.io.files import Json, read_bytes, refusing
-from hapscene.scene.gltf_check import items_of, parse_gltf
-from hapscene.scene.material import TEXTURES, Material, open_picture
+from hapscene.scene.gltf_check import check_gltf, items_of, parse_gltf
+from hapscene.scene.material import TEXTURES, Material
 from hapscene.scene.mesh import FACE_MAX, OVERLAY, UNNAMED, Mesh, Part, merged, part_of
 from hapscene.scene.mesh_file import FILE_MAX_B
-from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.scene.topology import weld
 from hapscene.surface.swatch import PLAIN, Swatch
 
-__all__ = ["read_bounded", "read_gltf"]
+__all__ = ["read_gltf"]
 
-_TYPES: Final = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")
 _TRIANGLES: Final = 4
-_VALUES: Final = (
-    *("name", "baseColorFactor", "metallicFactor", "roughnessFactor"),
-    *("emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided"),
-)
-"""Values of a glTF material that `hapscene.scene.material` keeps."""
+_SHOWN: Final = ("COLOR_0", "TEXCOORD_0")
+_VALUES: Final = ("pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided", *TEXTURES)
+"""Values of a glTF material that `hapscene.scene.material` keeps, beside its name."""
 
 
 def read_gltf(path: Path) -> Scene | None:
-    """Read a scene from a glTF file; return None if hapscene did not write the file.
+    """Read a scene from a GLB file; return None if hapscene did not write the file.
 
     Raises:
         SceneError: damaged, too large, compressed, or of a later version.
         MeshError, SwatchError: a mesh or a swatch in the file is invalid.
     """
-    content = read_bounded(path)
+    with refusing(SceneError):
+        content = read_bytes(path, FILE_MAX_B, "mesh file")
+    if not content:
+        raise SceneError(f"{path}: the file is empty")
     if b'"hapscene_body"' not in content:
         return None  # files of other programs need not pass our checks
-    tree, blobs = parts_of(path, content)
-    reader = _Reader(path, tree, blobs)
+    with refusing(SceneError):
+        tree, chunk = parse_gltf(content, True, str(path))
+    reader = _Reader(path, tree)
     bodies = reader.bodies()
     if not bodies:
         return None
+    reader.load_meshes(chunk)
     scene = Scene()
     for body in bodies:
         reader.add_body(scene, body)
@@ -81,54 +79,6 @@ def read_gltf(path: Path) -> Scene | None:
         if body.fine is not None:
             restore_fine(path, scene, made, body.fine)
     return scene
-
-
-def read_bounded(path: Path) -> bytes:
-    """Read a file of at most `FILE_MAX_B`.
-
-    Raises:
-        SceneError: the file is missing, empty, too large, or cannot be read.
-    """
-    with refusing(SceneError):
-        content = read_bytes(path, FILE_MAX_B, "mesh file")
-    if not content:
-        raise SceneError(f"{path}: the file is empty")
-    return content
-
-
-def parts_of(path: Path, content: bytes) -> tuple[dict[str, Json], list[bytes]]:
-    """Return the JSON tree and the content of each buffer; a buffer without URI is the chunk of a GLB, or empty.
-
-    Raises:
-        SceneError: damaged, truncated, too large, or a file that it refers to is missing.
-    """
-    with refusing(SceneError):
-        tree, chunk = parse_gltf(content, path.suffix.lower() == ".glb", str(path))
-        found = items_of(tree, "buffers", str(path))
-    files = FolderResources(path, FILE_MAX_B, SceneError)
-    read: dict[Json, bytes] = {}  # by URI, since a small file can refer to a large one many times
-    blobs = []
-    for index, buffer in enumerate(found):
-        uri = buffer.get("uri")
-        if uri is None:
-            blobs.append(chunk if index == 0 else b"")
-            continue
-        if not isinstance(uri, str):
-            raise SceneError(f"{path}: buffers[{index}].uri must be a string")
-        if uri not in read:
-            read[uri] = _embedded(path, uri) if uri.startswith("data:") else files.get(uri)
-        blobs.append(read[uri])
-    return tree, blobs
-
-
-def _embedded(path: Path, uri: str) -> bytes:
-    _, mark, data = uri.partition(";base64,")
-    try:
-        if not mark:
-            raise ValueError
-        return base64.b64decode(data, validate=True)
-    except (binascii.Error, ValueError):
-        raise SceneError(f"{path}: an embedded buffer is damaged: not base64") from None
 
 
 @dataclass
@@ -152,25 +102,16 @@ class _Node:
 class _Reader:
     """Reads bodies and swatches from a parsed glTF file; invalid data raises `SceneError`."""
 
-    def __init__(self, path: Path, tree: dict[str, Json], blobs: list[bytes]) -> None:
-        self.path, self.tree, self.blobs = path, tree, blobs
-        self.made = 0  # number of faces and vertices so far
+    def __init__(self, path: Path, tree: dict[str, Json]) -> None:
+        self.path, self.tree = path, tree
+        self.face_count = 0  # of the bodies so far
+        self.pieces: dict[int, list[tuple[int, Part]]] = {}  # by mesh: material or −1, and faces of each primitive
         self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
         self.swatches: dict[int, Swatch | str] = {}
-        self.looks: dict[str, Json] = {}  # materials of trimesh by their JSON
-        self.materials: dict[int, Material | None] = {}  # by the id of the material of trimesh
-        self.pictures: dict[int, Any] = {}
-        self.files: Any = FolderResources(path, FILE_MAX_B, SceneError)
         self.names: set[str] = set()
 
     def fail(self, problem: str) -> SceneError:
         return SceneError(f"{self.path}: {problem}")
-
-    def count(self, more: int) -> None:
-        """Add to the number of faces and vertices, which is limited: a small file can refer to the same data often."""
-        self.made += more
-        if self.made > 2 * FACE_MAX:
-            raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
 
     def item(self, kind: str, index: object) -> dict[str, Json]:
         items = self.tree.get(kind, [])
@@ -185,41 +126,6 @@ class _Reader:
         if not fits or not all(type(x) in (int, float) and -1e100 < x < 1e100 for x in value):
             raise self.fail(f"{where} must be {count} finite numbers")
         return np.array(value, np.float64)
-
-    def check_packing(self, where: str, extensions: object) -> None:
-        """Reject compressed data. Other extensions do not change the geometry."""
-        if not isinstance(extensions, dict):
-            raise self.fail(f"{where}: extensions must be an object")
-        if packed := [name for name in _PACKED if name in extensions]:
-            raise self.fail(
-                f"{where} is compressed ({packed[0]}), which is not supported; export it without compression"
-            )
-
-    def accessor(self, index: object, kind: str, sort: str) -> NDArray[Any]:
-        """Return the numbers (n,) or (n, 3) of an accessor, which must lie within its buffer."""
-        accessor = self.item("accessors", index)
-        where = f"accessors[{index}]"
-        dtype = _TYPES.get(accessor.get("componentType", 0)) if _is_size(accessor.get("componentType", 0)) else None
-        if accessor.get("type") != kind or dtype is None or np.dtype(dtype).kind not in sort or "sparse" in accessor:
-            raise self.fail(f"{where} must be dense {kind} of {'float32' if sort == 'f' else 'unsigned integers'}")
-        view = self.item("bufferViews", accessor.get("bufferView"))
-        self.check_packing(where, view.get("extensions", {}))
-        width = _WIDTHS[kind] * np.dtype(dtype).itemsize
-        layout: list[Json] = [accessor.get("count"), view.get("byteStride", width)]
-        layout += [view.get("byteOffset", 0), accessor.get("byteOffset", 0)]
-        if not all(_is_size(n) for n in layout) or layout[0] == 0 or layout[1] < width:
-            raise self.fail(f"{where} has an invalid count, stride or offset")
-        count, stride, *start = (int(n) for n in layout)
-        first = sum(start)
-        end = first + (count - 1) * stride + width
-        buffer = view.get("buffer", 0)
-        if not _is_size(buffer) or buffer >= len(self.blobs):
-            raise self.fail(f"{where} refers to a missing buffer; the file has {len(self.blobs)}")
-        blob = self.blobs[buffer]
-        if end > len(blob):
-            raise self.fail(f"{where} exceeds its buffer of {len(blob):,} bytes: the file is truncated or damaged")
-        rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
-        return rows.ravel() if kind == "SCALAR" else rows
 
     def bodies(self) -> list[_Node]:
         """Return the nodes that are marked as bodies, with all meshes below them, and all other nodes with meshes.
@@ -296,7 +202,9 @@ class _Reader:
         X_WB = found.X
         if not found.marked:
             mesh, X_WB = self.unscaled(mesh, found)
-        self.count(len(material))
+        self.face_count += len(material)
+        if self.face_count > FACE_MAX:  # a small file can refer to the same mesh often
+            raise self.fail(f"more than {FACE_MAX:,} faces")
         names = itertools.chain([found.name], (f"{found.name}_{i}" for i in itertools.count(2)))
         name = next(name for name in names if name not in self.names)  # copies made in other programs have equal names
         self.names.add(name)
@@ -309,7 +217,7 @@ class _Reader:
         """Return the mesh of a body and the material of each face; shared by bodies with the same meshes."""
         meshes = tuple(found.meshes)
         if meshes not in self.shapes:
-            pieces = [piece for mesh in meshes for piece in self.pieces(mesh)]
+            pieces = [piece for mesh in meshes for piece in self.pieces.get(mesh, [])]
             if not pieces:
                 raise self.fail(f"body {found.name[:60]!r} has no mesh")
             material = np.repeat([index for index, _ in pieces], [len(part.faces) for _, part in pieces])
@@ -352,90 +260,77 @@ class _Reader:
         material = primitive.get("material") if isinstance(primitive, dict) else None
         return type(material) is int and material >= 0 and OVERLAY in extras_of(self.item("materials", material))
 
-    def pieces(self, mesh: int) -> list[tuple[int, Part]]:
-        """Return the material index, or −1 without a material, and the faces of each primitive."""
-        pieces = []
-        for primitive in self.primitives(mesh):
-            if self.is_overlay(primitive):
-                continue
-            if not isinstance(primitive, dict) or primitive.get("mode", _TRIANGLES) != _TRIANGLES:
-                raise self.fail(f"meshes[{mesh}]: only triangles are supported")
-            self.check_packing(f"meshes[{mesh}]", primitive.get("extensions", {}))
-            attributes = primitive.get("attributes")
-            attributes = attributes if isinstance(attributes, dict) else {}
-            corners = self.accessor(attributes.get("POSITION"), "VEC3", "f")
-            if "indices" in primitive:
-                flat = self.accessor(primitive["indices"], "SCALAR", "u").astype(np.int64)
-            else:
-                flat = np.arange(len(corners))
-            if flat.size % 3 or not flat.size or flat.max() >= len(corners):
-                raise self.fail(f"meshes[{mesh}]: its indices are not triangles of its {len(corners):,} vertices")
-            material = primitive.get("material", -1)
-            if type(material) is not int or material < -1:
-                raise self.fail(f"meshes[{mesh}]: material must be an index")
-            self.count(len(flat) // 3 + len(corners))
-            pieces.append((material, self.part(material, attributes, corners, flat.reshape(-1, 3))))
-        return pieces
+    def load_meshes(self, chunk: bytes) -> None:
+        """Read the faces of all meshes, with their look unless it is damaged."""
+        if any(map(_is_packed, items_of(self.tree, "bufferViews", str(self.path)))):
+            raise self.fail("it is compressed, which is not supported; export it without compression")
+        if any("sparse" in accessor for accessor in items_of(self.tree, "accessors", str(self.path))):
+            raise self.fail("sparse accessors are not supported")
+        primitives: list[tuple[int, dict[str, Json]]] = []
+        for mesh in range(len(items_of(self.tree, "meshes", str(self.path)))):
+            for primitive in self.primitives(mesh):
+                if self.is_overlay(primitive):
+                    continue
+                if not isinstance(primitive, dict) or primitive.get("mode", _TRIANGLES) != _TRIANGLES:
+                    raise self.fail(f"meshes[{mesh}]: only triangles are supported")
+                if _is_packed(primitive):
+                    raise self.fail(f"meshes[{mesh}] is compressed, which is not supported")
+                if type(primitive.get("material", -1)) is not int or primitive.get("material", -1) < -1:
+                    raise self.fail(f"meshes[{mesh}]: material must be an index")
+                primitives.append((mesh, primitive))
+        try:
+            parts = self.parts([one for _, one in primitives], chunk, True)
+        except Exception:  # trimesh raises many classes for damaged data
+            parts = self.parts([one for _, one in primitives], chunk, False)
+        for (mesh, primitive), part in zip(primitives, parts, strict=True):
+            self.pieces.setdefault(mesh, []).append((primitive.get("material", -1), part))
 
-    def part(self, material: int, attributes: dict[str, Json], corners: NDArray[Any], faces: NDArray[np.int64]) -> Part:
-        """Return the faces of a primitive with their look, as `hapscene.load_mesh` does for files of other programs."""
+    def parts(self, primitives: list[dict[str, Json]], chunk: bytes, shown: bool) -> list[Part]:
+        """Return the faces of primitives, with their look if it is `shown`, as `hapscene.load_mesh` does."""
         import trimesh
 
-        visuals: Any = trimesh.visual.TextureVisuals
-        mesh: Any = trimesh.Trimesh(corners.astype(np.float64), faces, process=False)
-        if (look := self.look(material)) is not None:
-            uv, colour = (self.shown(attributes, name, len(corners)) for name in ("TEXCOORD_0", "COLOR_0"))
-            uv = None if uv is None or uv.shape[1] != 2 else _as_share(uv) * (1.0, -1.0) + (0.0, 1.0)  # v upward
-            mesh.visual = visuals(uv, look)
-            if colour is not None:
-                mesh.visual.vertex_attributes["color"] = colour
-        return part_of(mesh, [UNNAMED], None, self.materials)
+        looks: list[dict[str, Json]] = []
+        meshes: list[dict[str, Json]] = []
+        for number, primitive in enumerate(primitives):
+            attributes, look = primitive.get("attributes"), self.look(primitive.get("material", -1))
+            kept = ("POSITION", *_SHOWN) if shown and look is not None else ("POSITION",)
+            attributes = {key: value for key, value in dict(attributes or {}).items() if key in kept}
+            made = {"attributes": attributes} | {key: primitive[key] for key in ("indices",) if key in primitive}
+            if shown and look is not None:
+                made["material"] = len(looks)
+                looks.append(look)
+            meshes.append({"name": str(number), "primitives": [made]})
+        kept = ("asset", "accessors", "bufferViews", *(("images", "textures") if shown else ()))
+        tree = {key: self.tree[key] for key in kept if key in self.tree} | {"meshes": meshes, "materials": looks}
+        nodes = [{"mesh": number} for number in range(len(meshes))]
+        tree |= {"nodes": nodes, "scenes": [{"nodes": list(range(len(nodes)))}], "scene": 0}
+        try:
+            content = glb_of(tree, chunk, self.path)
+            with refusing(SceneError):
+                check_gltf(content, True, str(self.path), FILE_MAX_B)
+            loaded = trimesh.load_scene(io.BytesIO(content), file_type="glb", process=False)
+            found: list[Any] = [loaded.geometry[str(number)] for number in range(len(meshes))]
+            if any(mesh.faces.size == 0 or mesh.faces.max() >= len(mesh.vertices) for mesh in found):
+                raise ValueError("a vertex index is out of range")
+            parts = [part_of(mesh, [UNNAMED], None, {}) for mesh in found]
+        except (MemoryError, SceneError):
+            raise
+        except Exception as error:
+            raise self.fail(f"truncated or damaged: {str(error)[:200] or type(error).__name__}") from None
+        known: dict[object, Material] = {}  # a material of the mesh file is written again for each swatch on it
+        for part in parts:
+            keys = [(str(one.numbers), *map(id, one.textures.values())) for one in part.materials]
+            part.materials = [known.setdefault(key, one) for key, one in zip(keys, part.materials, strict=True)]
+        return parts
 
-    def shown(self, attributes: dict[str, Json], name: str, count: int) -> NDArray[Any] | None:
-        """Return the values (count, c) of an attribute that is for display; None if it is missing or unsupported."""
-        with contextlib.suppress(SceneError):
-            kind = str(self.item("accessors", attributes.get(name)).get("type"))
-            rows = self.accessor(attributes.get(name), kind, "fu")
-            return rows if rows.shape[:1] == (count,) and rows.ndim == 2 else None
-        return None
-
-    def look(self, index: int) -> Any:
-        """Return the material of the mesh file as one of trimesh; None for faces that wear the look of their swatch."""
-        from trimesh.visual.material import PBRMaterial
-
+    def look(self, index: int) -> dict[str, Json] | None:
+        """Return the material of the mesh file; None for faces that wear the look of their swatch."""
         found = self.item("materials", index) if index >= 0 else {}
         extras = extras_of(found)
         if index < 0 or ("hapscene_swatch" in extras and SOURCE not in extras):
             return None
-        base = found.get("pbrMetallicRoughness")
-        found |= {"name": extras.get(SOURCE, found.get("name"))} | (base if isinstance(base, dict) else {})
-        values = {name: value for name, value in found.items() if name in _VALUES}
-        pictures = {name: self.picture(found.get(name)) for name in TEXTURES}
-        key = json.dumps([values, list(map(id, pictures.values()))], sort_keys=True)  # once for all swatches
-        if key not in self.looks:
-            made: Any = PBRMaterial
-            self.looks[key] = None
-            with contextlib.suppress(Exception):  # numbers from an untrusted file
-                self.looks[key] = made(**values, **pictures)
-        return self.looks[key]
-
-    def picture(self, texture: Any) -> Any:
-        """Return the picture (PIL image, not yet decoded) of a texture; None if it is missing or damaged."""
-        try:
-            index = self.item("textures", texture["index"])["source"]
-            if index not in self.pictures:
-                self.pictures[index] = open_picture(self.picture_file(self.item("images", index)))
-            return self.pictures[index]
-        except Exception:  # PIL raises many classes for damaged pictures
-            return None
-
-    def picture_file(self, image: dict[str, Json]) -> bytes:
-        if "bufferView" not in image:
-            uri: str = image["uri"]
-            return _embedded(self.path, uri) if uri.startswith("data:") else bytes(self.files.get(uri))
-        view = self.item("bufferViews", image["bufferView"])
-        start, blob = view.get("byteOffset", 0), self.blobs[view.get("buffer", 0)]
-        return bytes(blob[start : start + view["byteLength"]])
+        name = extras.get(SOURCE, found.get("name"))
+        return {"name": name} | {key: found[key] for key in _VALUES if key in found}
 
     def swatches_named(self) -> list[Swatch | str]:
         """Return all swatches that hapscene wrote, including unused ones."""
@@ -454,7 +349,7 @@ class _Reader:
         name, text = extras.get("hapscene_swatch"), extras.get("swatch_file")
         if isinstance(name, str) and is_digest(extras.get("sha256")):
             text = text if isinstance(text, str) else None
-            return restore(self.path, name, extras, extras.get("albedo_rgb"), extras["sha256"], text)
+            return restore(self.path, name, extras["sha256"], text)
         if not isinstance(name, str):
             name = str(material.get("name", "")).rpartition("/")[2]  # after the material of the mesh file
         if known_swatch(name) is not None:
@@ -469,13 +364,10 @@ def extras_of(item: dict[str, Json]) -> dict[str, Json]:
     return extras if isinstance(extras, dict) else {}
 
 
-def _as_share(values: NDArray[Any]) -> NDArray[np.float64]:
-    """Return numbers from 0 to 1, which may be stored as integers."""
-    return values / (np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0)
-
-
-def _is_size(value: object) -> bool:
-    return type(value) is int and 0 <= value < 1 << 40
+def _is_packed(item: dict[str, Json]) -> bool:
+    """Return whether an item has compressed data; other extensions do not change the geometry."""
+    extensions = item.get("extensions")
+    return isinstance(extensions, dict) and any(name in extensions for name in _PACKED)
 
 
 def _printable(name: object) -> str:

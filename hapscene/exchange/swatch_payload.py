@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -18,12 +17,11 @@ from hapscene.scene.fine_paint import SUBFACE_MAX, set_subfaces
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import SWATCH_MAX, Scene
 from hapscene.scene.scene_file import decode_fine, encode_fine
-from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, PLAIN, Swatch
-from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
+from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch_file import SUFFIX, swatch_from_json, swatch_to_json
 from hapscene.swatches.library import load_swatch
 
 __all__ = [
-    "EMBEDDED_MAX",
     "VERSION",
     "ExchangeWarning",
     "check_version",
@@ -40,10 +38,6 @@ __all__ = [
 
 VERSION: Final = 1
 """Version of the hapscene data in other formats. Raised when an older reader would misinterpret a file."""
-
-EMBEDDED_MAX: Final = 1_000_000
-"""Maximum length of a swatch file that is embedded [characters]. A texture of 100 models of order 120 needs 300,000. A
-longer swatch must be in the library, where its hash identifies it."""
 
 
 class ExchangeWarning(UserWarning):
@@ -72,52 +66,33 @@ def known_swatch(name: str) -> Swatch | None:
         return None
 
 
-def restore(
-    path: Path, name: str, numbers: Mapping[str, Json], albedo_rgb: object, sha256: str, text: str | None = None
-) -> Swatch | str:
+def restore(path: Path, name: str, sha256: str, text: str | None) -> Swatch | str:
     """Restore a swatch from a file: its name if the library has the identical swatch, else the swatch itself.
 
     Args:
         path: the file, for messages.
         name: name of the swatch.
-        numbers: its parameters by name.
-        albedo_rgb: its colour.
         sha256: hash of its swatch file.
-        text: content of its swatch file, if embedded.
+        text: content of its swatch file; None if another program has removed it.
 
     Raises:
-        SceneError: a parameter is not a number.
         SwatchError: the embedded swatch file is invalid or has another name.
 
     Warns:
-        ExchangeWarning: the swatch is neither embedded nor in the library: its texture, taps and effects are lost.
+        ExchangeWarning: the swatch is neither embedded nor in the library.
     """
     known = known_swatch(name)
     if known is not None and digest_of(known) == sha256:
         return PLAIN if known is PLAIN else name
-    if text is not None:
-        with refusing(SwatchError, f"{path}: swatch {name[:60]!r}"):
-            swatch = swatch_from_json(text)
-        if swatch.name != name:
-            raise SwatchError(f"{path}: the embedded swatch {name[:60]!r} has another name, {swatch.name!r}")
-        return swatch
-    if digest_of(bare := _bare(path, name, numbers, albedo_rgb)) != sha256:
-        library = "has a different swatch with this name" if known is not None else "does not have it"
-        warn_of_loss(
-            f"{path}: swatch {name!r} is restored without texture, taps and effects: the file has only its parameters, "
-            f"and the library {library}; add its .swatch file to the library (hapscene swatch add) and import again"
-        )
-    return bare
-
-
-def _bare(path: Path, name: str, numbers: Mapping[str, Json], albedo_rgb: object) -> Swatch:
-    values = {key: numbers.get(key, None if key in BASIC_PARAMETERS else 0.0) for key in OWN_PARAMETERS}
-    colour = tuple(albedo_rgb) if isinstance(albedo_rgb, list | tuple) else ()
-    for value in (*values.values(), *colour):
-        if not is_number(value):
-            raise SceneError(f"{path}: swatch {name[:60]!r}: expected numbers for {', '.join(values)} and the colour")
-    with refusing(SwatchError, path):
-        return Swatch(name, **{k: float(v) for k, v in values.items()}, albedo_rgb=colour)  # type: ignore[arg-type]
+    if text is None:
+        instead = "plain" if known is None else "the library's swatch with this name"
+        warn_of_loss(f"{path}: swatch {name[:60]!r} is no longer in the file; {instead} is used instead")
+        return PLAIN if known is None else name
+    with refusing(SwatchError, f"{path}: swatch {name[:60]!r}"):
+        swatch = swatch_from_json(text)
+    if swatch.name != name:
+        raise SwatchError(f"{path}: the embedded swatch {name[:60]!r} has another name, {swatch.name!r}")
+    return swatch
 
 
 def check_version(path: Path, version: object) -> None:

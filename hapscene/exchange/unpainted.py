@@ -1,4 +1,4 @@
-"""Export to formats without scenes: PLY and OBJ, which keep swatch names, and STL. World frame, metres."""
+"""Export to formats without scenes: PLY and OBJ, which keep swatch names. World frame, metres."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +15,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import mesh_to_ply
 from hapscene.scene.scene import Scene
 
-__all__ = ["read_named", "write_obj", "write_ply", "write_stl"]
+__all__ = ["read_named", "write_obj", "write_ply"]
 
 
 def write_obj(scene: Scene, path: Path) -> list[Path]:
@@ -75,21 +75,6 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
         colours[swatch],
     )
     write_whole(path, mesh_to_ply(mesh), SceneError)
-    return [path]
-
-
-def write_stl(scene: Scene, path: Path) -> list[Path]:
-    """Write the geometry of a scene as binary STL in float32.
-
-    Raises:
-        SceneError: the file cannot be written.
-    """
-    corners = np.concatenate([_world(body, body.mesh.vertices_m)[body.mesh.faces] for body in scene.bodies])
-    normals = np.concatenate([body.mesh.normals @ body.X_WB[:3, :3].T for body in scene.bodies])
-    rows = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    rows["normal"], rows["corners"] = normals, corners
-    header = b"hapscene: in metres, z up".ljust(80) + len(rows).to_bytes(4, "little")
-    write_whole(path, header + rows.tobytes(), SceneError)
     return [path]
 
 

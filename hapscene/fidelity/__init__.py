@@ -2,9 +2,8 @@
 
 | module | content |
 |---|---|
-| `fidelity`, `fidelity_file` | a fidelity, the level of detail of each body and swatch; its file |
 | `apply` | makes the simplified scene |
 | `coarser_mesh` | reduces a mesh, and keeps the borders of its painting |
 | `trial` | measures how far a simplified scene differs from the original, in JND |
-| `tune` | searches the coarsest level of detail whose difference is not perceptible |
+| `tune` | searches the simplest scene whose difference is not perceptible |
 """

@@ -243,11 +243,11 @@ class Error:
         return np.maximum(self.force_jnd, self.vibration_jnd)
 
 
-def error_of(true: Rendered, rendered: Rendered, reach_m_s2: Array) -> Error:
-    """Difference of rendered paths; vibrations are limited to `reach_m_s2` (k,), the capability of a handle."""
+def error_of(true: Rendered, rendered: Rendered) -> Error:
+    """Difference of rendered paths."""
     parts: list[tuple[Array, ...]] = []
     for a, b, one, two in zip(true.recordings, rendered.recordings, true.power, rendered.power, strict=True):
-        window = bands_jnd(np.minimum(np.sqrt(two), reach_m_s2), np.minimum(np.sqrt(one), reach_m_s2), band_edges_Hz())
+        window = bands_jnd(np.sqrt(two), np.sqrt(one), band_edges_Hz())
         middle = np.rint((np.arange(len(a)) * TICK_S - 0.5 * WINDOW_S) / (0.5 * WINDOW_S)).astype(int)
         vibration = window[np.clip(middle, 0, len(window) - 1)]
         on = a.touching | b.touching
@@ -261,20 +261,14 @@ def concatenated(errors: Sequence[Error]) -> Error:
     return Error(*(np.concatenate([vars(error)[name] for error in errors]) for name in vars(errors[0])))
 
 
-def tick_us(renderer: Renderer, paths: Sequence[Array], budget_us: float) -> Array:
-    """Times of the ticks in contact (n,) [µs], each the minimum of `REPEATS` runs.
-
-    If the longest tick exceeds the budget, up to three times as many runs are made: other programs only lengthen ticks.
-    """
+def tick_us(renderer: Renderer, paths: Sequence[Array]) -> Array:
+    """Times of the ticks in contact (n,) [µs], each the minimum of `REPEATS` runs."""
     render_paths(renderer, paths)
     least = np.inf
-    for _ in range(3):
-        for _ in range(REPEATS):
-            runs = render_paths(renderer, paths)
-            on = np.concatenate([r.touching for r in runs])
-            least = np.minimum(least, np.concatenate([r.tick_ns for r in runs])[on] * 1e-3)
-        if np.percentile(least, WORST) <= budget_us:
-            break
+    for _ in range(REPEATS):
+        runs = render_paths(renderer, paths)
+        on = np.concatenate([r.touching for r in runs])
+        least = np.minimum(least, np.concatenate([r.tick_ns for r in runs])[on] * 1e-3)
     return np.asarray(least)
 
 

@@ -6,36 +6,28 @@ reported difference is measured on a third set.
 """
 
 import math
-import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hapscene import __version__
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, PathError
 from hapscene.fidelity import trial
-from hapscene.fidelity.apply import apply_level
+from hapscene.fidelity.apply import Simplification, simplified
 from hapscene.fidelity.coarser_mesh import coarser_mesh
-from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.trial import Array
 from hapscene.motion.look_from_above import UNSEEN
-from hapscene.perception import (
-    band_edges_Hz,
-    bands_jnd,
-)
+from hapscene.perception import band_edges_Hz, bands_jnd
 from hapscene.render.renderer import Renderer
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import swatches_of
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.scene.topology import neighbours_of, normals_of
 from hapscene.surface.swatch import Swatch
 
-__all__ = ["WITHIN", "Tuned", "evaluate_swatch", "reach_m_s2", "tune"]
+__all__ = ["HALVINGS", "WITHIN", "Tuned", "evaluate_swatch", "painted", "tune"]
 
 WITHIN: Final = 95.0
 """Share of the ticks in contact in which the difference must not exceed the limit [%]."""
@@ -63,9 +55,6 @@ ORDER_MIN: Final = 2
 PLACES: Final = 6
 """Number of forces and of speeds at which a texture is compared [count]."""
 
-UPDATES: Final = (16, 8, 4)
-"""Update intervals of a texture filter in the search [ticks], the longest first."""
-
 FORCE_N, SPEED_M_S = 10.0, 0.5
 """Largest force and speed at which a texture is compared."""
 
@@ -80,19 +69,15 @@ class Choice:
     Attributes:
         kind: "body" or "swatch".
         name: its name.
-        what: description of the change.
+        what: description of the change, or the reason for no change.
         error_jnd: difference that `WITHIN` % of its ticks in contact do not exceed on test paths; None if it was not
             touched.
-        why: reason, for --explain.
-        kept: whether a body with many faces keeps more than half of them, which `why` explains.
     """
 
     kind: str
     name: str
     what: str
     error_jnd: float | None
-    why: str
-    kept: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,52 +85,30 @@ class Tuned:
     """The result of `tune`.
 
     Attributes:
-        fidelity: the fidelity, to be saved.
+        scene: the simplified scene.
         choices: the choice for each body and swatch.
-        before, after: cost of the original and of the simplified scene, by the names of `Level.cost`.
-        within_jnd, within_budget: whether the limits are kept.
+        before, after: cost of the original and of the simplified scene by name: time of a tick [µs], memory [bytes],
+            loading time [s], faces; `after` also has the differences [JND].
+        within_jnd: whether the limit is kept.
     """
 
-    fidelity: Fidelity
+    scene: Scene
     choices: list[Choice]
     before: Mapping[str, float]
     after: Mapping[str, float]
     within_jnd: bool
-    within_budget: bool
-
-
-class Candidate(NamedTuple):
-    """A number of faces or an order: requested, obtained, and its difference."""
-
-    requested: int
-    obtained: int
-    error_jnd: float
 
 
 class Evaluation(NamedTuple):
-    """The candidates of a body or swatch, the finest first, or the reason for an empty list."""
+    """What was tried for a body or swatch: numbers of faces or orders with their differences [JND], the finest first;
+    or the reason for an empty list."""
 
-    tried: list[Candidate]
+    tried: list[tuple[int, float]]
     why_not: str
 
     def least(self, most_jnd: float) -> int | None:
         """The smallest candidate whose difference does not exceed a limit; or None."""
-        return min((one.requested for one in self.tried if one.error_jnd <= most_jnd), default=None)
-
-    def why(self, what: str, most_jnd: float) -> str:
-        """The reason of the choice."""
-        if not self.tried:
-            return f"unchanged: {self.why_not}"
-        errors = ", ".join(f"{one.obtained:,} {what}: {one.error_jnd:.2g} JND" for one in self.tried)
-        return f"limit on the search paths: {most_jnd:.2g} JND; {errors}"
-
-
-def roughness_deg(mesh: Mesh) -> float:
-    """Median angle between adjacent faces of a mesh [°]."""
-    beyond, normal = neighbours_of(mesh.vertices_m, mesh.faces).beyond, normals_of(mesh.triangles_m)
-    face, edge = np.nonzero(beyond >= 0)
-    cosine = np.sum(normal[face] * normal[beyond[face, edge]], axis=1)
-    return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0)))) if len(cosine) else 0.0
+        return min((count for count, error_jnd in self.tried if error_jnd <= most_jnd), default=None)
 
 
 def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float) -> Evaluation:
@@ -153,16 +116,16 @@ def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: flo
     two."""
     body = scene.body(name)
     paths = trial.body_paths(scene, name, seed, device)
-    tried: list[Candidate] = []
+    tried: list[tuple[int, float]] = []
     if not paths or len(body.mesh.faces) < FACES_MIN:
         return Evaluation([], "no path from above touches the body" if not paths else "the mesh has few faces")
     single_body_scene = trial.single_body_scene(scene, name)
 
-    def simplified(mesh: Mesh | None) -> Any:
-        at = apply_level(single_body_scene, Level({name: BodyFidelity(mesh)}))
+    def rendered(mesh: Mesh) -> Any:
+        at = simplified(single_body_scene, Simplification({name: mesh}))
         return trial.render_paths(trial.new_renderer(at, device, ("wall", "friction")), paths)
 
-    true = simplified(None)
+    true = rendered(body.mesh)
 
     def error(halvings: float) -> float:
         count = round(len(body.mesh.faces) * 0.5**halvings)
@@ -170,8 +133,8 @@ def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: flo
         if mesh is None:
             return math.inf
         touched = any(r.touching.any() for r in true)
-        error_jnd = float(np.percentile(trial.force_error(true, simplified(mesh)), WITHIN)) if touched else 0.0
-        tried.append(Candidate(count, len(mesh.faces), error_jnd))
+        error_jnd = float(np.percentile(trial.force_error(true, rendered(mesh)), WITHIN)) if touched else 0.0
+        tried.append((count, error_jnd))
         return error_jnd
 
     good, bad = 0.0, HALVINGS + 1.0
@@ -186,7 +149,7 @@ def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: flo
     return Evaluation(sorted(tried, reverse=True), "" if tried else "all faces are at borders of the painting")
 
 
-def evaluate_swatch(swatch: Swatch, device: str, reach: Array, most_jnd: float) -> Evaluation:
+def evaluate_swatch(swatch: Swatch, device: str, most_jnd: float) -> Evaluation:
     """Measure the difference of lower orders of a texture.
 
     Its levels in bands are compared with those of the original, over the forces and speeds that device and models
@@ -198,14 +161,14 @@ def evaluate_swatch(swatch: Swatch, device: str, reach: Array, most_jnd: float) 
     share = np.linspace(1 / PLACES, 1.0, PLACES)
     force_N = share * min(trial.device_limits(device).force_N, FORCE_N, texture.force_max_N)
     places = [np.ravel(grid) for grid in np.meshgrid(force_N, share * min(SPEED_M_S, texture.speed_max_m_s))]
-    true = np.minimum(texture_rms(swatch, *places), reach)
-    tried = []
+    true = texture_rms(swatch, *places)
+    tried = list[tuple[int, float]]()
     low, high = ORDER_MIN - 1, texture.order  # low is too low, high is sufficient
     while high - low > 1:
         order = (low + high) // 2
-        rms = np.minimum(texture_rms(replace(swatch, texture=texture.truncated(order)), *places), reach)
+        rms = texture_rms(replace(swatch, texture=texture.truncated(order)), *places)
         error_jnd = float(np.percentile(bands_jnd(rms, true, band_edges_Hz()), WITHIN))
-        tried.append(Candidate(order, order, error_jnd))
+        tried.append((order, error_jnd))
         low, high = (low, order) if error_jnd <= most_jnd else (order, high)
     return Evaluation(sorted(tried, reverse=True), "" if tried else "the order is already the lowest")
 
@@ -231,48 +194,32 @@ def texture_rms(swatch: Swatch, force_N: Array, speed_m_s: Array) -> Array:
 # The choice.
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """The present choice, by name: meshes of bodies, orders of textures, update intervals of their filters."""
-
-    meshes: Mapping[str, Mesh]
-    orders: Mapping[str, int]
-    updates: Mapping[str, int] = field(default_factory=dict)
-
-    def level(self, cost: Mapping[str, float] | None = None) -> Level:
-        swatches = {
-            name: SwatchFidelity(self.orders.get(name), self.updates.get(name, 1))
-            for name in sorted({*self.orders, *self.updates})
-        }
-        return Level({name: BodyFidelity(mesh) for name, mesh in self.meshes.items()}, swatches, cost or {})
-
-
 _Set = tuple[list[Array], trial.Rendered]
 """Paths, and the original scene rendered along them."""
 
 
 class _Comparison:
-    """Renders a scene along random paths, in its original form and simplified by a plan."""
+    """Renders a scene along random paths, in its original form and simplified."""
 
-    def __init__(self, scene: Scene, original: Renderer, device: str, reach: Array, seed: int) -> None:
-        self.scene, self._original, self._device, self._reach, self._seed = scene, original, device, reach, seed
+    def __init__(self, scene: Scene, original: Renderer, device: str, seed: int) -> None:
+        self.scene, self._original, self._device, self._seed = scene, original, device, seed
 
     def drawn(self, k: int) -> _Set:
         """The k-th set of paths."""
         paths = trial.scene_paths(self.scene, self._seed + k, self._device)
         return paths, trial.render(self._original, paths, self._seed, trial.SEED_COUNT)
 
-    def error(self, sets: Sequence[_Set], plan: _Plan) -> trial.Error:
-        """Difference between a plan and the original scene."""
-        renderer = trial.new_renderer(apply_level(self.scene, plan.level()), self._device)
-        simplified = [(true, trial.render(renderer, paths, self._seed, trial.SEED_COUNT)) for paths, true in sets]
-        return trial.concatenated([trial.error_of(true, found, self._reach) for true, found in simplified])
+    def error(self, sets: Sequence[_Set], plan: Simplification) -> trial.Error:
+        """Difference between the simplified and the original scene."""
+        renderer = trial.new_renderer(simplified(self.scene, plan), self._device)
+        pairs = [(true, trial.render(renderer, paths, self._seed, trial.SEED_COUNT)) for paths, true in sets]
+        return trial.concatenated([trial.error_of(true, found) for true, found in pairs])
 
 
 def _choose(
     comparison: _Comparison, judged: Mapping[str, Evaluation], jnd: float, say: Callable[[str], None]
-) -> tuple[_Plan, dict[str, float], _Set, trial.Error]:
-    """Return the plan that passes verification, the limit of each choice, the test paths, and the difference on them.
+) -> tuple[Simplification, _Set, trial.Error]:
+    """Return the plan that passes verification, the test paths, and the difference on them.
 
     If a choice fails, it is repeated with a smaller margin, and the paths join those of the verification.
     """
@@ -282,13 +229,9 @@ def _choose(
     with step(say, "rendering the original scene"):
         checks, unseen = [comparison.drawn(1)], comparison.drawn(2)
     most_jnd = {key: MARGINS[0] * jnd for key in judged}
-    updates: dict[str, int] | None = None
     while True:
         with step(say, "verifying the choice on other paths"):
             plan = _planned(scene, judged, most_jnd)
-            if updates is None:
-                updates = _slow_updates(scene, plan, partial(comparison.error, checks), most_jnd)
-            plan = replace(plan, updates=dict(updates))
             checked = comparison.error(checks, plan)
             failed = _failed(scene, judged, checked, jnd)
             if not failed and np.percentile(checked.total_jnd, WITHIN) > jnd:
@@ -297,12 +240,11 @@ def _choose(
             for key in failed:
                 margins[key] += 1
                 most_jnd[key] = MARGINS[margins[key]] * jnd
-                updates.pop(key.removeprefix("swatch "), None)
             if failed:
                 continue
             final = comparison.error([unseen], plan)
             if np.percentile(final.total_jnd, WITHIN) <= jnd or len(checks) == CHECKS:
-                return plan, most_jnd, unseen, final
+                return plan, unseen, final
             checks, unseen = [*checks, unseen], comparison.drawn(len(checks) + 2)
 
 
@@ -310,91 +252,52 @@ def tune(
     scene: Scene,
     *,
     device: str = "omni",
-    handle: str = "ideal",
-    budget_us: float = 50.0,
     jnd: float = 1.0,
     seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Tuned:
-    """Measure a scene on this machine, and choose its level of detail.
+    """Simplify a scene as far as a person cannot perceive the difference, and measure both on this machine.
 
     Args:
         scene: the scene.
         device: name of a device in `hapscene.device.DEVICES`, whose limits apply.
-        handle: vibration output: "ideal", without limits; "none"; or a .handle file of an identified handle.
-        budget_us: limit of the longest tick [µs]: the percentile `trial.WORST` of the ticks in contact, each the
-            minimum of `trial.REPEATS` runs, or of three times as many if over budget.
         jnd: limit of the difference from the original scene [JND], in `WITHIN` % of the ticks in contact.
         seed: seed of the paths.
         say: called with lines of progress.
 
     Raises:
         PathError: nothing in the scene can be touched from above.
-        HapsceneError: an unknown device or handle; fast-simplification is not installed; NUMBA_DISABLE_JIT=1 is set,
-            with which times are meaningless.
+        HapsceneError: an unknown device; fast-simplification is not installed; NUMBA_DISABLE_JIT=1 is set, with which
+            times are meaningless.
     """
     from hapscene.touch import step
 
     if INTERPRETED:
         raise HapsceneError("`tune` measures compiled code; unset the environment variable NUMBA_DISABLE_JIT")
-    reach = reach_m_s2(handle)
     with step(say, "preparing the scene"):
         original = trial.new_renderer(scene, device)
     with step(say, "generating paths"):
         if not trial.scene_paths(scene, seed + 1, device):
             raise PathError(f"the device cannot touch anything in the scene: {UNSEEN}")
-    judged = _evaluate(scene, device, reach, seed, jnd, say)
-    comparison = _Comparison(scene, original, device, reach, seed)
-    plan, most_jnd, unseen, final = _choose(comparison, judged, jnd, say)
-    paths = unseen[0]
+    judged = _evaluate(scene, device, seed, jnd, say)
+    comparison = _Comparison(scene, original, device, seed)
+    plan, (paths, _), final = _choose(comparison, judged, jnd, say)
     del original, comparison  # a mesh that a renderer uses is prepared already, which would hide its loading time
+    made = simplified(scene, plan)
     with step(say, "measuring the time of a tick"):
-        before = _cost(scene, Level(), device, paths)
-        after = _cost(scene, plan.level(), device, paths, budget_us)
-    choices = _choices(scene, plan, judged, final, most_jnd)
-    level = plan.level({**_errors(final, jnd), **after})
-    made = {
-        "device": device, "handle": handle, "budget_us": budget_us, "jnd": jnd, "seed": seed,
-        "machine": f"{platform.system()} {platform.machine()}, {platform.processor() or 'unknown processor'}",
-        "hapscene": __version__, "python": platform.python_version(),
-        **{f"untuned_{name}": value for name, value in before.items()},
-    }  # fmt: skip
-    within = level.cost["error_jnd"] <= jnd
-    return Tuned(Fidelity(level, made), choices, before, level.cost, within, after["tick_worst_us"] <= budget_us)
+        before = _cost(scene, device, paths)
+        after = {**_errors(final), **_cost(made, device, paths)}
+    return Tuned(made, _choices(scene, plan, judged, final), before, after, after["error_jnd"] <= jnd)
 
 
-def reach_m_s2(handle: str) -> Array:
-    """The largest vibration (k,) of a handle in each band, root mean square [m/s²].
-
-    Raises:
-        HapsceneError: unknown handle.
-    """
-    edges = band_edges_Hz()
-    if handle == "ideal":
-        return np.full(len(edges) - 1, np.inf)
-    if handle == "none":
-        return np.zeros(len(edges) - 1)
-    if not handle.endswith(".handle"):
-        raise HapsceneError(
-            f"unknown handle {handle!r}; expected ideal, none, or a .handle file of an identified handle"
-        )
-    from hapscene.handle.handle_file import load_handle
-
-    plant = load_handle(handle).plant
-    middle_Hz = np.sqrt(edges[1:] * edges[:-1])
-    return np.asarray(np.abs(plant.response(middle_Hz)) * plant.force_limit_N / np.sqrt(2.0))
-
-
-def _evaluate(
-    scene: Scene, device: str, reach: Array, seed: int, jnd: float, say: Callable[[str], None]
-) -> dict[str, Evaluation]:
+def _evaluate(scene: Scene, device: str, seed: int, jnd: float, say: Callable[[str], None]) -> dict[str, Evaluation]:
     """The evaluation of each body and each painted swatch, by "body NAME" and "swatch NAME"."""
     most_jnd, found = MARGINS[0] * jnd, {}
     for name in trial.largest_bodies(scene):
         say(f"body {name}\n")
         found[f"body {name}"] = evaluate_body(scene, name, device, seed, most_jnd)
     for swatch in painted(scene):
-        found[f"swatch {swatch.name}"] = evaluate_swatch(swatch, device, reach, most_jnd)
+        found[f"swatch {swatch.name}"] = evaluate_swatch(swatch, device, most_jnd)
     return found
 
 
@@ -417,7 +320,7 @@ def _failed(scene: Scene, judged: Mapping[str, Evaluation], error: trial.Error, 
     return made
 
 
-def _planned(scene: Scene, judged: Mapping[str, Evaluation], most_jnd: Mapping[str, float]) -> _Plan:
+def _planned(scene: Scene, judged: Mapping[str, Evaluation], most_jnd: Mapping[str, float]) -> Simplification:
     """The coarsest mesh of each body and the lowest order of each swatch whose differences keep to their limits."""
     meshes, orders = {}, {}
     for name in trial.largest_bodies(scene):
@@ -429,71 +332,40 @@ def _planned(scene: Scene, judged: Mapping[str, Evaluation], most_jnd: Mapping[s
         order = judged[f"swatch {swatch.name}"].least(most_jnd[f"swatch {swatch.name}"])
         if order is not None:
             orders[swatch.name] = order
-    return _Plan(meshes, orders)
+    return Simplification(meshes, orders)
 
 
-def _slow_updates(
-    scene: Scene, plan: _Plan, error: Callable[[_Plan], trial.Error], most_jnd: Mapping[str, float]
-) -> dict[str, int]:
-    """The longest update interval of each texture filter whose difference is not perceptible [ticks]."""
-    left, updates = {s.name for s in painted(scene) if s.texture is not None}, dict[str, int]()
-    names = [s.name for s in scene.swatches]
-    for ticks in UPDATES:
-        if not left:
-            break
-        found = error(replace(plan, updates=updates | dict.fromkeys(left, ticks)))
-        for name in sorted(left):
-            on = found.swatch == names.index(name)
-            if on.any() and np.percentile(found.vibration_jnd[on], WITHIN) <= most_jnd[f"swatch {name}"]:
-                updates[name] = ticks
-        left -= updates.keys()
-    return updates
-
-
-def _cost(scene: Scene, level: Level, device: str, paths: list[Array], budget_us: float = math.inf) -> dict[str, float]:
-    """The cost of a level on this machine, by the names of `Level.cost`."""
-    load_s = trial.shortest_time_s(lambda: trial.new_renderer(apply_level(scene, level), device))
-    renderer = trial.new_renderer(apply_level(scene, level), device)
-    times = trial.tick_us(renderer, paths, budget_us)
+def _cost(scene: Scene, device: str, paths: list[Array]) -> dict[str, float]:
+    """The cost of a scene on this machine, by the names of `Tuned.before`."""
+    load_s = trial.shortest_time_s(lambda: trial.new_renderer(scene.copy(), device))
+    renderer = trial.new_renderer(scene, device)
+    times = trial.tick_us(renderer, paths)
     median, p99, worst = (round(float(v), 3) for v in np.percentile(times, (50, 99, trial.WORST)))
-    faces = sum(len(body.mesh.faces) for body in renderer._bodies)
+    faces = sum(len(body.mesh.faces) for body in scene.bodies)
     cost = {"tick_median_us": median, "tick_p99_us": p99, "tick_worst_us": worst, "load_s": round(load_s, 4)}
     return {**cost, "memory_B": trial.memory_B(renderer), "faces": faces}
 
 
-def _errors(error: trial.Error, jnd: float) -> dict[str, float]:
-    """Differences by the names of `Level.cost`: the `WITHIN` % percentiles, and the share of ticks within the
-    limit."""
+def _errors(error: trial.Error) -> dict[str, float]:
+    """Differences by the names of `Tuned.after`: the `WITHIN` % percentiles."""
     parts = {"error_jnd": error.total_jnd, "force_jnd": error.force_jnd, "vibration_jnd": error.vibration_jnd}
-    cost = {name: round(float(np.percentile(part, WITHIN)), 3) for name, part in parts.items()}
-    return {**cost, "share_within": round(float(np.mean(error.total_jnd <= jnd)), 4)}
+    return {name: round(float(np.percentile(part, WITHIN)), 3) for name, part in parts.items()}
 
 
-def _choices(
-    scene: Scene, plan: _Plan, judged: Mapping[str, Evaluation], final: trial.Error, most_jnd: Mapping[str, float]
-) -> list[Choice]:
+def _choices(scene: Scene, plan: Simplification, judged: Mapping[str, Evaluation], final: trial.Error) -> list[Choice]:
     """Each choice with its difference on test paths."""
     made = []
     for index, body in enumerate(scene.bodies):
-        key, count = f"body {body.name}", len(body.mesh.faces)
-        what = f"{count:,} faces, unchanged"
-        if body.name in plan.meshes:
-            what = f"{count:,} → {len(plan.meshes[body.name].faces):,} faces"
-        why = f"unchanged: only the {trial.BODY_MAX} largest bodies are judged"
-        kept = key in judged and len(plan.meshes.get(body.name, body.mesh).faces) > 0.5 * count >= 0.5 * FACES_MIN
-        if key in judged:
-            why = judged[key].why("faces", most_jnd[key])
-        if kept and judged[key].tried:
-            why += (
-                f"; adjacent faces differ by {roughness_deg(body.mesh):.2g}° (median), smooth the mesh if that is noise"
-            )
-        made.append(Choice("body", body.name, what, _error_jnd(final.force_jnd[final.body == index]), why, kept))
+        what = f"{len(body.mesh.faces):,} faces"
+        why = f"only the {trial.BODY_MAX} largest bodies are judged"
+        if f"body {body.name}" in judged:
+            why = judged[f"body {body.name}"].why_not or "fewer can be felt"
+        what += f" → {len(plan.meshes[body.name].faces):,}" if body.name in plan.meshes else f", unchanged: {why}"
+        made.append(Choice("body", body.name, what, _error_jnd(final.force_jnd[final.body == index])))
     for index, swatch in enumerate(scene.swatches):
-        key = f"swatch {swatch.name}"
-        if key in judged:
-            why = judged[key].why("coefficients", most_jnd[key])
+        if f"swatch {swatch.name}" in judged:
             error = _error_jnd(final.vibration_jnd[final.swatch == index])
-            made.append(Choice("swatch", swatch.name, _what_swatch(swatch, plan), error, why))
+            made.append(Choice("swatch", swatch.name, _what_swatch(swatch, plan), error))
     return made
 
 
@@ -501,11 +373,9 @@ def _error_jnd(error_jnd: Array) -> float | None:
     return round(float(np.percentile(error_jnd, WITHIN)), 3) if len(error_jnd) else None
 
 
-def _what_swatch(swatch: Swatch, plan: _Plan) -> str:
+def _what_swatch(swatch: Swatch, plan: Simplification) -> str:
     """Description of the choice for a swatch."""
     if swatch.texture is None:
-        return "unchanged"
+        return "unchanged: the swatch has no texture"
     own, order = swatch.texture.order, plan.orders.get(swatch.name, swatch.texture.order)
-    ticks = plan.updates.get(swatch.name, 1)
-    text = f"order {own} → {order}" if order < own else f"order {own}"
-    return text + (f", filter update every {ticks} ticks" if ticks > 1 else "")
+    return f"order {own} → {order}" if order < own else f"order {own}, unchanged"

@@ -71,7 +71,7 @@ class Servo(ServoConnection):
             hangs. An application that is killed, stopped or suspended is detected within 20 ms in any case.
         ring_s: length of the ring buffers of ticks [s].
         progress: called with the stages of the start, as text.
-        made: further arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD, fidelity, tip_radius_m;
+        made: further arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD, tip_radius_m;
             for simulated devices also limits and delay_ticks.
 
     Attributes:

@@ -209,8 +209,7 @@ def _receive(wire: Pipe) -> Any:
 
 
 NO_REPLAY: Final = np.iinfo(np.int64).max
-"""Value of `CHANNEL.changed` if a log cannot be replayed, because bodies were added, removed or deformed, or because a
-fidelity is in use."""
+"""Value of `CHANNEL.changed` if a log cannot be replayed, because bodies were added, removed or deformed."""
 
 
 class OrderHandler:
@@ -256,8 +255,6 @@ class OrderHandler:
         self._share_twins()
         self._vendors = [device for device in self.connections if isinstance(device, VendorConnection)]
         channel.channel.pause = 1
-        if self._renderers[0].fidelity is not None:  # a log does not contain it
-            channel.channel.changed = NO_REPLAY
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
         channel.channel.checkpoint_size = sum(len(part) for part in parts)
         self._alone = len(self._twins) == 1 and bool(self._vendors)  # the vendor's thread calls the tick

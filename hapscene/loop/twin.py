@@ -1,6 +1,5 @@
 """The simulated twin of a haptic device: scene, device and hand in one closed loop."""
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +28,6 @@ from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
 
 if TYPE_CHECKING:
-    from hapscene.fidelity.fidelity import Fidelity
     from hapscene.scene.scene import Scene
 
 __all__ = ["Run", "Twin"]
@@ -46,7 +44,7 @@ class Twin:
         compensator: compensator of the handle, a name from `hapscene.handle.compensator.COMPENSATORS`.
         nominal: model of the handle that the compensator assumes; the true handle by default.
         X_WD: (4, 4) pose of an Omni in W. By default its workspace is centred on the first reference trajectory.
-        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity, tip_radius_m: see `Renderer`.
+        effects, seed, tick_s, a_rate_Hz, limits, settings, tip_radius_m: see `Renderer`.
         delay_ticks: delay from the tick to its force [ticks].
 
     Attributes:
@@ -74,7 +72,6 @@ class Twin:
         nominal: Plant | None = None,
         X_WD: ArrayLike | None = None,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
-        fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
         tip_radius_m: float = 0.0,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
@@ -92,7 +89,6 @@ class Twin:
             a_rate_Hz=a_rate_Hz,
             limits=limits,
             settings=settings,
-            fidelity=fidelity,
             tip_radius_m=tip_radius_m,
         )
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle

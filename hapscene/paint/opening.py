@@ -44,7 +44,7 @@ def open_session(
 
     def opened(path: str) -> Scene:
         own = {} if not more or Path(path).suffix.lower()[1:] in UNITLESS else {"unit": None}
-        return open_scene(path, say=say, **(reading | own))
+        return open_scene(path, **(reading | own))
 
     if name is None:
         name = str(_copy_demo(DEMO))

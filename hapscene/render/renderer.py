@@ -1,6 +1,5 @@
 """The renderer: computes the force and acceleration of each haptic tick for a scene and a device position."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from threading import Lock
@@ -32,7 +31,6 @@ from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface
 from hapscene.surface.swatch import tip_radius_of
 
 if TYPE_CHECKING:
-    from hapscene.fidelity.fidelity import Fidelity
     from hapscene.render.recording import Recording
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
@@ -112,15 +110,12 @@ class Renderer:
         device: name from `hapscene.device.DEVICES`, or a device, whose limits at this period apply. Replaces `limits`.
         crease_rad: edges at which the surface turns by less than this angle are smoothed (force shading, see
             `hapscene.contact.shading`; it generates energy). 0 disables shading.
-        fidelity: level of detail of each part of the scene, or the path of a fidelity file (`hapscene tune`). None
-            renders the scene in full detail.
         tip_radius_m: radius of the tip of the tool [m]. With 0 the tool is a point; otherwise it is a ball, device
             position and proxy are its centre, and both sides of all faces are solid (see `hapscene.contact.ball`).
 
     Attributes:
         tick_s, a_rate_Hz, seed, tip_radius_m: see the arguments.
         limits: limits of the device.
-        fidelity: the fidelity in use; None without one.
         block: number of acceleration samples in a tick.
         world, surface: arrays that the compiled tick reads and writes, for code that runs the tick itself.
 
@@ -148,7 +143,6 @@ class Renderer:
         device: "DeviceLike | None" = None,
         crease_rad: float = 0.0,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
-        fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
         tip_radius_m: float = 0.0,
     ) -> None:
         if not scene.bodies:
@@ -176,7 +170,6 @@ class Renderer:
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
         self._deforming = Lock()  # held by threads that set shapes; no tick acquires it
-        self.fidelity = _fidelity_of(fidelity, scene)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
         self._p_WT = np.zeros((1, 3))
@@ -191,9 +184,8 @@ class Renderer:
     def _compile(self, scene: "Scene") -> None:
         """Build the arrays of the tick and compile it; warn of what the device and the bodies do not allow."""
         with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
-            rendered = self._at_fidelity(scene)
-            self.world = build_world(rendered.bodies, self._crease_rad, self.tip_radius_m)
-            self._fit, self.surface, messages = self._build_surface(rendered)
+            self.world = build_world(scene.bodies, self._crease_rad, self.tip_radius_m)
+            self._fit, self.surface, messages = self._build_surface(scene)
             use_tick(self.world, self.surface, self._row, self._samples)
             self._play = _compile_run(self.world, self.surface, self._row, self._samples)
         _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
@@ -314,19 +306,6 @@ class Renderer:
             raise EffectError(no_such("effect", effect, names))
         self.surface.muted[names.index(effect)] = SWITCHED_OFF if muted else 0
 
-    def _at_fidelity(self, scene: "Scene") -> "Scene":
-        """Return the scene at the level of detail of the fidelity, or the scene itself without one."""
-        if self.fidelity is None:
-            return scene
-        from hapscene.fidelity.apply import apply_level
-
-        return apply_level(scene, self.fidelity.level)
-
-    def _refuse_fidelity(self, what: str) -> None:
-        """Raise `SceneError` if a fidelity is in use, which holds for the original bodies only."""
-        if self.fidelity is not None:
-            raise SceneError(f"{what} while a fidelity is in use, which was computed for other bodies: omit fidelity")
-
     def _read_field_settings(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
         """Return the checked settings of the effects of the scene, one for each effect."""
         of_scene = self._effects[len(self._contact_effects) :]
@@ -439,9 +418,7 @@ class Renderer:
             if theirs is None or (ours.name, len(ours.mesh.faces)) != (theirs.name, len(theirs.mesh.faces)):
                 raise SceneError(OTHER_BODIES)
         more = tuple(scene.bodies[known:])
-        if more:
-            self._refuse_fidelity("bodies cannot be added")
-        fit, surface, _ = self._build_surface(self._at_fidelity(scene))
+        fit, surface, _ = self._build_surface(scene)
         extension = Extension(self.world, self._bodies, more, self._crease_rad) if more else None
         names = tuple(swatch.name for swatch in scene.swatches)
         return PreparedPainting(surface, fit, names, extension, more, scene)
@@ -506,7 +483,6 @@ class Renderer:
             UsageWarning: the body oscillates: eight shapes in a row took back most of the change before.
         """
         index = self._index(body)
-        self._refuse_fidelity("bodies cannot be deformed")
         use_moving_bodies(self.world, self.surface)
         mesh = self._bodies[index].mesh
         vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
@@ -761,15 +737,6 @@ def _warn_of_overlap(scene: "Scene", world: World) -> None:
             f"{NEAR_MAX} bodies; others are ignored there (Flag.CROWDED). Move them apart, or merge them into one mesh",
             MeshWarning,
         )
-
-
-def _fidelity_of(fidelity: "Fidelity | str | os.PathLike[str] | None", scene: "Scene") -> "Fidelity | None":
-    """Return a fidelity, loaded from its file if a path is given."""
-    if isinstance(fidelity, str | os.PathLike):
-        from hapscene.fidelity.fidelity_file import load_fidelity
-
-        return load_fidelity(fidelity, scene)
-    return fidelity
 
 
 def _compile_run(world: World, surface: Surface, rows: Records, blocks: NDArray[np.float64]) -> Callable[..., None]:

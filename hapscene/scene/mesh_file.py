@@ -15,7 +15,6 @@ import numpy as np
 from hapscene.constants import UNITLESS
 from hapscene.errors import MeshError, warn
 from hapscene.io.files import open_zip, read_bytes, refusing
-from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import (
     UNIT_M,
@@ -45,9 +44,6 @@ FILE_MAX_B: Final = 4_000_000_000
 
 UNPACKED_MAX_B: Final = 250_000_000
 """Maximum unpacked size of an archive [bytes]."""
-
-MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
-"""Measured memory use for each byte of a file [1]; text formats need the most."""
 
 
 def check(suffix: str, content: bytes, where: str) -> int:
@@ -251,12 +247,6 @@ def _suffix(name: str) -> str:
 
 def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[list[Part], str | None]:
     """Return the parts of a mesh file, and its unit if it has one."""
-    needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), memory_left_B()
-    if needed_B > free_B:
-        raise MeshError(
-            f"{path}: loading takes about {needed_B / 1e9:.1f} GB of memory, but only {free_B / 1e9:.1f} GB are free: "
-            "simplify the mesh, or convert it to binary .ply, which needs the least memory"
-        )
     if suffix == "obj":
         return [read_obj(content, str(path), resolver)], None
     if suffix == "off":

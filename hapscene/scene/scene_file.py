@@ -71,9 +71,6 @@ __all__ = [
 # has a different name, so no file is overwritten, and a scene file always refers to what was saved with it.
 
 
-NAMING: Final = (SUFFIX, ".fidelity.json")
-"""Suffixes of files that refer to sidecar files: a sidecar file is removed only if none of them refers to it."""
-
 PIECE_MIN: Final = 8
 """Minimum length of the hash in a file name [hexadecimal digits]."""
 
@@ -92,13 +89,12 @@ class SidecarFiles:
     """Sidecar files of one scene file. Created by `sidecar_files`.
 
     Args:
-        path: the scene file, or another file that refers to files beside it.
-        suffix: suffix of its name.
+        path: the scene file.
     """
 
-    def __init__(self, path: Path, suffix: str = SUFFIX) -> None:
+    def __init__(self, path: Path) -> None:
         self._path, self._folder = path, path.parent.resolve()
-        self._stem = path.name.removesuffix(suffix)
+        self._stem = path.name.removesuffix(SUFFIX)
         self._named: set[str] = set()
         self._made: list[Path] = []
 
@@ -136,8 +132,7 @@ class SidecarFiles:
             if file.name in self._named or name not in before or not file.name.startswith(f"{self._stem}."):
                 continue
             with suppress(OSError):
-                found = (f for suffix in NAMING for f in self._folder.glob(f"*{suffix}"))
-                others = (_content_of(f) for f in found if f.name != self._path.name)
+                others = (_content_of(f) for f in self._folder.glob(f"*{SUFFIX}") if f.name != self._path.name)
                 if _is_whole(file) and not any(name in other for other in others):
                     file.unlink()
 
@@ -150,10 +145,10 @@ class SidecarFiles:
 
 
 @contextmanager
-def sidecar_files(path: Path, suffix: str = SUFFIX) -> Iterator[SidecarFiles]:
+def sidecar_files(path: Path) -> Iterator[SidecarFiles]:
     """Context for writing a scene file, which must be written last: on failure the old file and its sidecars remain."""
     before = _content_of(path)
-    files = SidecarFiles(path, suffix)
+    files = SidecarFiles(path)
     try:
         yield files
     except BaseException:

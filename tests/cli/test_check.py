@@ -49,6 +49,8 @@ def test_exit_code(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "meshes/flat.obj", "--unit", "mm"]) == 1
     assert "cannot be touched" in capsys.readouterr().out
     assert main(["check", "meshes/a.ply", "meshes/c.ply", "--unit", "mm", "--fix", "mended.ply"]) == 2
+    assert main(["check", "meshes/c.ply", "--unit", "mm", "--fix", "mended.ply"]) == 0
+    assert main(["check", "mended.ply", "--unit", "m"]) == 0
 
 
 def test_meshes_of_a_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,10 +77,6 @@ def test_default_is_a_copy_of_the_demo(folder: Path) -> None:
     [
         (["none.scene.json"], "none.scene.json"),
         (["cube.ply"], "unit"),
-        (["cube.ply", "--unit", "m", "--device", "ideal"], "'ideal'"),
-        (["cube.ply", "--unit", "m", "--device", "omi"], "no device 'omi'; there are: omni, omni-point"),
-        (["cube.ply", "--unit", "m", "--grip", "tight"], "no grip 'tight'; there are: firm, light, medium"),
-        (["cube.ply", "--unit", "m", "--compensator", "none"], "no compensator 'none'; there are: adaptive"),
         (["made.scene.json", "--unit", "m"], "--unit"),
     ],
 )

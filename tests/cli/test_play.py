@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main, play
+from hapscene.cli.play import _devices
 from hapscene.compiled.native import INTERPRETED
+from hapscene.errors import DeviceError
 from hapscene.play.keys import pressed_keys
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,3 +113,21 @@ def test_a_background_process_does_not_change_the_terminal(terminal: int, monkey
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", "--replay", "nowhere"]) == 2
     assert "nowhere" in capfd.readouterr().err
+
+
+def test_options_of_several_devices() -> None:
+    devices = _devices(
+        ["simulated", "omni", "simulated"], {"grip": "firm", "1.model": "premium-1.5", "3.grip": "light"}
+    )
+    assert devices[1] == "omni"
+    assert [device.options for device in (devices[0], devices[2])] == [  # type: ignore[union-attr]
+        {"grip": "firm", "model": "premium-1.5"},
+        {"grip": "light"},
+    ]
+    with pytest.raises(DeviceError, match="colour"):
+        _devices(["simulated"], {"1.colour": "red"})
+    for names, key in ((["simulated"], "2.grip"), (["simulated", "omni"], "2.grip"), (["omni"], "grip")):
+        with pytest.raises(DeviceError, match=key):  # no device reads the option
+            _devices(names, {key: "light"})
+    with pytest.raises(DeviceError, match="omnii"):
+        _devices(["omni", "omnii"], {})

@@ -23,8 +23,7 @@ def face_counts(scene: Scene) -> dict[str, dict[str, int]]:
     return {b.name: {names[i]: int((b.face_swatch == i).sum()) for i in np.unique(b.face_swatch)} for b in scene.bodies}
 
 
-@pytest.mark.filterwarnings("ignore:.*is restored without texture")
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "GLB"])
+@pytest.mark.parametrize("suffix", ["glb", "GLB"])
 def test_exported_file_is_opened_as_a_scene(scene: Scene, tmp_path: Path, suffix: str) -> None:
     file = export_scene(scene, tmp_path / f"desk.{suffix}")[0]
     with pytest.warns(ExchangeWarning, match=f"desk.{suffix}"):

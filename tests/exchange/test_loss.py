@@ -18,7 +18,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 
 READABLE = [name for name in EXPORTS if name != "html"]
-UNIT = {"obj": "m", "ply": "m", "stl": "m"}
+UNIT = {"obj": "m", "ply": "m"}
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "file-formats.md"
 _LOOK = "colours and textures of the mesh file"
 KEPT, ROUNDED, FLOAT32, CUT, LOST = "kept", "to 1e-15", "to 1e-7", "as cut faces", "lost"
@@ -166,8 +166,7 @@ def test_registry_lists_losses(name: str, results: dict[str, dict[str, str]]) ->
 
 
 def test_table_in_the_docs(results: dict[str, dict[str, str]]) -> None:
-    assert results["glb"] == results["gltf"]
-    columns = {"GLB, glTF": "glb", "PLY": "ply", "OBJ": "obj", "STL": "stl"}
+    columns = {"GLB": "glb", "PLY": "ply", "OBJ": "obj"}
     rows = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for aspect in results["glb"]:
         cells = [results[name][aspect] for name in columns.values()]
@@ -182,12 +181,10 @@ def test_losses_depend_on_the_scene(scene: Scene) -> None:
     assert set(losses(plain, "glb")) == {"exact positions", "order of vertices", "order of faces"}
     assert losses(plain, "ply") == ("bodies and their names",)
     assert {"bodies and their names", "order of faces"} == set(losses(plain, "obj"))
-    assert "paint with a swatch in the library" in losses(plain, "stl")
     plain.paint("body", "paper", Sphere((0.0, 0.0, 0.01), 0.005), resolution_m=1e-3, falloff_m=0.004)
     assert losses(plain, "ply") == ("bodies and their names", "blends of two swatches")
-    assert "paint of subdivided faces" in losses(plain, "stl")
     for name, export in EXPORTS.items():
         here = set(export.loses) - {"unused swatches", "blends of two swatches"}
         here -= {"attached bodies"}
-        here -= {"paint of subdivided faces", "swatches of bodies before painting"}
+        here -= {"swatches of bodies before painting"}
         assert set(losses(scene, name)) == here  # the scene has all other properties

@@ -10,8 +10,7 @@ from scipy.linalg import solve_toeplitz
 import hapscene
 from hapscene.dsp.ar_filter import ar_from_lsf, power_gain
 from hapscene.errors import HapsceneError
-from hapscene.fidelity.apply import apply_level
-from hapscene.fidelity.fidelity import BodyFidelity, Level, SwatchFidelity
+from hapscene.fidelity.apply import Simplification, simplified
 from hapscene.scene.mesh import Mesh
 
 
@@ -28,8 +27,8 @@ def scene():
     return scene
 
 
-def test_an_empty_level_changes_nothing(scene):
-    at = apply_level(scene, Level())
+def test_without_simplification_nothing_changes(scene):
+    at = simplified(scene, Simplification())
     assert at.swatches == scene.swatches
     for ours, theirs in zip(at.bodies, scene.bodies, strict=True):
         assert ours.mesh is theirs.mesh and ours.name == theirs.name
@@ -41,20 +40,12 @@ def test_painting_of_a_coarser_mesh(scene):
     coarse, plain = sphere(2), sphere(0)
     group = (coarse.triangles_m.mean(axis=1)[:, 2] > 0.01) * np.int16(names.index("leather"))
     coarse = replace(coarse, group=group, group_names=names)
-    at = apply_level(scene, Level(bodies={"ball": BodyFidelity(coarse), "other": BodyFidelity(plain)}))
+    at = simplified(scene, Simplification({"ball": coarse, "other": plain}))
     ball, other = at.body("ball"), at.body("other")
     assert ball.mesh is coarse and np.array_equal(ball.face_swatch, group)
     assert other.mesh is plain and set(other.face_swatch) == {names.index("paper")}
     np.testing.assert_array_equal(ball.X_WB, scene.body("ball").X_WB)
     assert len(scene.body("ball").face_swatch) == len(scene.body("ball").mesh.faces)  # the scene stays as it is
-
-
-def test_update_interval(scene, recwarn):
-    at = apply_level(scene, Level(swatches={"wood": SwatchFidelity(update_ticks=4)}))
-    hapscene.Renderer(at, ["lpc_texture"])
-    assert not any("update_ticks" in str(warning.message) for warning in recwarn)
-    wood = at.swatches[1]
-    assert wood.parameter("lpc_texture", "update_ticks", 1.0) == 4.0 and wood.texture is scene.swatches[1].texture
 
 
 @pytest.mark.parametrize("name", ["wood", "epoxy"])
@@ -79,14 +70,21 @@ def test_a_texture_of_that_order_is_unchanged():
 
 
 @pytest.mark.parametrize(
-    ("level", "expected"),
-    [
-        (Level(bodies={"bal": BodyFidelity()}), "no body 'bal'"),
-        (Level(swatches={"oka": SwatchFidelity()}), "no swatch 'oka'"),
-        (Level(bodies={"ball": BodyFidelity(sphere(2))}), "no painting"),
-        (Level(swatches={"wood": SwatchFidelity(order=0)}), "order"),
-    ],
+    ("what", "expected"),
+    [(Simplification({"ball": sphere(2)}), "no painting"), (Simplification(orders={"wood": 0}), "order")],
 )
-def test_invalid_levels(scene, level, expected):
+def test_invalid_simplifications(scene, what, expected):
     with pytest.raises(HapsceneError, match=expected):
-        apply_level(scene, level)
+        simplified(scene, what)
+
+
+def test_a_simplified_scene_is_saved_and_felt_as_it_is(scene, tmp_path):
+    made = simplified(scene, Simplification({"other": sphere(0)}, {"wood": 5, "leather": 3}))
+    made.save(tmp_path / "x.scene.json")
+    read = hapscene.load_scene(tmp_path / "x.scene.json")
+    assert read.swatches == made.swatches
+    path = np.linspace((0.01, 0.0, 0.052), (0.0, 0.01, 0.0485), 200)
+    want, got = hapscene.Renderer(made).run(path), hapscene.Renderer(read).run(path)
+    assert got.touching.any()
+    np.testing.assert_array_equal(got.f_W_N, want.f_W_N)
+    np.testing.assert_array_equal(got.a_m_s2, want.a_m_s2)

@@ -13,7 +13,6 @@ import pytest
 import trimesh
 
 from hapscene.errors import MeshError
-from hapscene.scene import mesh_file
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 
@@ -301,14 +300,6 @@ def test_binary_stl_with_more_faces_than_declared_raises(tmp_path, count):
     (tmp_path / "ball.stl").write_bytes(content[:80] + count.to_bytes(4, "little") + content[84:])
     with pytest.raises(MeshError, match=f"{count} faces"):
         load_mesh(tmp_path / "ball.stl", "m")
-
-
-@pytest.mark.parametrize("kind", ["stl", "obj"])
-def test_insufficient_memory_raises(kind, tmp_path, monkeypatch):
-    (tmp_path / f"ball.{kind}").write_bytes(ball(kind))
-    monkeypatch.setattr(mesh_file, "memory_left_B", lambda: 1e4)
-    with pytest.raises(MeshError, match="GB"):
-        load_mesh(tmp_path / f"ball.{kind}", "m")
 
 
 def test_trimesh_log_is_not_printed(tmp_path, monkeypatch, capsys):

@@ -8,12 +8,8 @@ import trimesh
 from scipy.signal import freqz, welch
 
 import hapscene
-from hapscene import Mesh
 from hapscene.constants import BLEND_S
 from hapscene.dsp.ar_filter import lsf_from_ar
-from hapscene.errors import SceneError
-from hapscene.fidelity.apply import apply_level
-from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.flags import Flag
 from hapscene.scene import Box, PlaneSide, Sphere
 from hapscene.scene.fine_paint import paint_region
@@ -200,17 +196,6 @@ def test_fine_paint_follows_deformation():
     distance_m = np.linalg.norm(recording.p_WP_m[:, :2] / 1.2 - CENTRE[:2], axis=1) - RADIUS_M
     sure = recording.touching & (np.abs(distance_m) > 1e-4)
     assert ((recording.swatch == 2) == (distance_m < 0))[sure].all() and sure.sum() > 600
-
-
-def test_a_fidelity_keeps_the_borders_and_a_coarser_mesh_is_refused():
-    scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.002))
-    shorter = Level({}, {"hard": SwatchFidelity(order=1)})
-    renderer = hapscene.Renderer(scene, fidelity=Fidelity(shorter))
-    want = hapscene.Renderer(scene).run(stroke(0.6))
-    np.testing.assert_array_equal(renderer.run(stroke(0.6)).swatch, want.swatch)
-    coarse = Mesh(scene.bodies[0].mesh.vertices_m, scene.bodies[0].mesh.faces)
-    with pytest.raises(SceneError, match="plate"):
-        apply_level(scene, Level({"plate": BodyFidelity(mesh=coarse)}, {}))
 
 
 def test_repainting_in_contact_uses_fine_paint():

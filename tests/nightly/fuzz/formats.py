@@ -23,8 +23,6 @@ from hapscene.capture.io.recording import load_recording
 from hapscene.constants import UNITLESS
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
-from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
-from hapscene.fidelity.fidelity_file import load_fidelity, save_fidelity
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
@@ -192,12 +190,6 @@ def scene() -> Scene:
     made.swatch_index(swatch())
     made.bodies[0].face_swatch[:10] = 1
     return made
-
-
-def fidelity(path: Path) -> None:
-    half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
-    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2)}, {"error_jnd": 0.5})
-    save_fidelity(Fidelity(level, {"device": "omni", "seed": 0}), path, scene())
 
 
 def written(write: Callable[[Path], object], name: str) -> Callable[[], Files]:
@@ -408,15 +400,11 @@ FORMATS: Mapping[str, Format] = {
     "zip": Format(packed, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),
-    "fine-glb": painted("x.gltf", fine=True),
+    "fine-glb": painted("x.glb", fine=True),
     "scene": Format(
         written(lambda path: scene().save(path), "x.scene.json"),
         lambda path: sum(len(body.mesh.faces) for body in hapscene.load_scene(path).bodies),
         roams=True,
-    ),
-    "fidelity": Format(
-        written(fidelity, "x.fidelity.json"),
-        lambda path: sum(len(body.mesh.faces) for body in load_fidelity(path, scene()).level.bodies.values()),
     ),
     "swatch": Format(written(lambda path: save_swatch(swatch(), path), "x.swatch"), library.load_swatch),
     "library": Format(

@@ -127,7 +127,6 @@ MADE = {
     "touch-letters": ("touch", lambda: touch_with("body_names", npy(TOKEN, b"\xff" * 4))),
     "stl-text-no-loop": ("stl-text", lambda: without("stl-text", 1141, 1441)),
     "off-fewer-faces-declared": ("off", lambda: other("off", "42 80 ", "42 8 ")),
-    "fidelity-no-mesh": ("fidelity", lambda: other("fidelity", r'"mesh": \{[^}]*\}', '"mesh": null')),
     "study-long-number": ("study", lambda: other("study", r"people = \d+", "people = " + "9" * 5000)),
     "step-no-such-point": ("step", lambda: other("step", "#3,#4,#8,#7", "#3,#999,#8,#7")),
     "step-cut-within": ("step", lambda: without("step", 700, 1000)),

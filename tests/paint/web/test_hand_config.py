@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.cli.paint import TouchOptions
 from hapscene.cli.touch import HandOptions
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.omni import Omni
@@ -36,9 +35,8 @@ def test_unsupported_device_is_refused(given: dict[str, Any], said: str) -> None
 
 
 def test_painter_and_touch_command_have_the_same_defaults() -> None:
-    for options in (TouchOptions(), HandOptions()):
-        assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
-    assert HandConfig().tip_radius_m == TouchOptions().tip_radius
+    options = HandOptions()
+    assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
 
 
 def test_str_names_device_grip_and_handle() -> None:
