@@ -72,19 +72,6 @@ class ChannelSource:
         self._ring = self._row = np.zeros((1, 1))
 
 
-class RecordingSource:
-    """The samples of a recording, as fast as an output takes them."""
-
-    def __init__(self, samples: Array) -> None:
-        self._samples, self.taken = samples, 0
-
-    def fetch(self, wanted: int) -> Array:
-        """The next `wanted` samples; fewer at the end."""
-        first = self.taken
-        self.taken = min(first + wanted, len(self._samples))
-        return self._samples[first : self.taken].copy()
-
-
 def open_output(name: str, options: Mapping[str, OptionValue]) -> HandleOutput:
     """Open the output of the driver `name`. Values of `options` may be strings.
 
@@ -156,8 +143,14 @@ def play_recording(
     Raises:
         HandleError: the output was disconnected.
     """
-    source = RecordingSource(np.asarray(samples, dtype=np.float64))
-    stream = LiveStream(source.fetch, rate_Hz, output, handle=handle, steered=False)
+    left = np.array(samples, dtype=np.float64)
+
+    def fetch(wanted: int) -> Array:
+        nonlocal left
+        taken, left = left[:wanted], left[wanted:]
+        return taken
+
+    stream = LiveStream(fetch, rate_Hz, output, handle=handle, steered=False)
     try:
         output.start(stream)
         while stream.played < len(samples) and not output.fault:
