@@ -384,9 +384,7 @@ class _Painter:
         near = self.region.distance_m(centre) < reach_m + self.falloff_m / 2 + self.rounding_m
         return np.asarray(chosen[near], np.int64)
 
-    def look(
-        self, where_m: NDArray[np.float64], level: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def look(self, where_m: NDArray[np.float64], level: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Return the weight at the centre of triangles (n, 3, 3), and whether they must be cut."""
         half_m = self.falloff_m / 2
         centre = where_m.mean(axis=1)

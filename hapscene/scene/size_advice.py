@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import UNITLESS
 from hapscene.errors import printable
 from hapscene.scene.mesh import UNIT_M, Mesh
 
@@ -38,9 +39,6 @@ AMPLE: Final = 3.0
 
 COMMON: Final = ("mm", "m", "cm", "in", "ft", "um")
 """Units of mesh files, most common first."""
-
-PRECISE: Final = (".step", ".stp", ".glb", ".gltf")
-"""Formats that contain their unit: the advice is a scale."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ def _bounds_m(scene: "Scene") -> NDArray[np.float64]:
 
 def _likely(mesh: Mesh, diagonal_m: float) -> list[str]:
     """Return up to two units that give a mesh a likely size; empty if the size is likely or the file has a unit."""
-    has_unit = mesh.path is None or mesh.path.suffix.lower() in PRECISE or mesh.scale != 1.0
+    has_unit = mesh.path is None or mesh.path.suffix.lower()[1:] not in (*UNITLESS, "zip") or mesh.scale != 1.0
     if has_unit or LIKELY_M[0] <= diagonal_m <= LIKELY_M[1]:
         return []
     sizes_m = {unit: diagonal_m * UNIT_M[unit] / UNIT_M[mesh.unit] for unit in COMMON}

@@ -352,7 +352,6 @@ class BodyPanel:
 
 
 def _is_unitless(file: Path) -> bool:
-    """Whether a mesh file states neither unit nor vertical axis, by its suffix."""
     return file.suffix.lower()[1:] in UNITLESS
 
 
