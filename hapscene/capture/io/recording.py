@@ -7,7 +7,7 @@ command-line option.
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -128,8 +128,6 @@ class SurfaceRecording:
     speed_m_s: Array | None = None
     tangential_force_N: Array | None = None
     depth_m: Array | None = None
-    bridged: Mapping[str, int] = field(default_factory=dict)
-    """number of interpolated samples in each column that had missing samples"""
 
     def __repr__(self) -> str:
         held = ", ".join(name for name in WORDS if getattr(self, name) is not None) or "nothing"
@@ -229,7 +227,7 @@ def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> Surfac
     elif friction is not None and force is not None:
         tangential = friction * force
     acceleration = one_axis(reader.rows("acceleration"), rate_Hz)
-    return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, depth, bridged=reader.bridged)
+    return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, depth)
 
 
 def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
