@@ -7,7 +7,7 @@ command-line option.
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -136,8 +136,6 @@ class SurfaceRecording:
     speed_m_s: Array | None = None
     tangential_force_N: Array | None = None
     depth_m: Array | None = None
-    bridged: Mapping[str, int] = field(default_factory=dict)
-    """number of interpolated samples in each column that had missing samples"""
     torque_Nm: Array | None = field(default=None, kw_only=True)
     grip_force_N: Array | None = field(default=None, kw_only=True)
     contact_angle_rad: Array | None = field(default=None, kw_only=True)
@@ -254,7 +252,6 @@ def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> Surfac
         speed,
         tangential,
         single.get("depth"),
-        bridged=reader.bridged,
         torque_Nm=torque,
         grip_force_N=single.get("grip_force"),
         contact_angle_rad=angle,
