@@ -24,7 +24,7 @@ from hapscene.surface.swatch_file import save_swatch
 
 __all__ = ["BatchResult", "Item", "find_recordings", "fit_batch", "swatch_names"]
 
-SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".hsrec")
+SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")
 """Suffixes of the recordings that are found in a folder; a file that is named directly may have any suffix."""
 
 JOURNAL: Final = "journal.jsonl"

@@ -57,7 +57,7 @@ class TextureOptions:
 
 @app.command
 def fit(
-    recordings: Annotated[list[str], Help("CSV, text, WAV, NPZ or .hsrec files")],
+    recordings: Annotated[list[str], Help("CSV, text, WAV, NPZ, MAT or .hsrec files")],
     /,
     *,
     out: Annotated[OutFile, Help("Swatch file to write (default: NAME.swatch, as oak.swatch)")] = None,
@@ -289,7 +289,7 @@ def _print_line(line: str) -> None:
 
 @app.command
 def join(
-    recordings: Annotated[InFiles, Help("CSV, text, WAV, NPZ or .hsrec files, two or more")],
+    recordings: Annotated[InFiles, Help("CSV, text, WAV, NPZ, MAT or .hsrec files, two or more")],
     /,
     *,
     out: Annotated[OutFile, Help("NPZ file to write (default: joined.npz)")] = None,

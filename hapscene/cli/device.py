@@ -298,7 +298,7 @@ def _from_port(port: str, baud: int, count: int, sweep: "Sweep", guess: "Plant")
 
 @app.command
 def play_file(
-    file: Annotated[InFile, Help("Recording of `hapscene touch`, or CSV, WAV, NPZ, .hsrec")],
+    file: Annotated[InFile, Help("Recording of `hapscene touch`, or CSV, WAV, NPZ, MAT, .hsrec")],
     /,
     *,
     compensator: Annotated[

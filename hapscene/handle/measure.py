@@ -201,7 +201,7 @@ def load_grip(
     """Load a grip from a file with the columns force and acceleration.
 
     Args:
-        path: CSV, WAV, NPZ or .hsrec.
+        path: CSV, WAV, NPZ, MAT or .hsrec.
         rate_Hz: sample rate, if the file does not contain it [Hz].
         columns: names of the file's columns, by quantity, if they differ.
         units: units by quantity, if the file does not contain them.

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import wavfile
+from scipy.io import savemat, wavfile
 
 from hapscene.capture import load_recording
 from hapscene.capture.io.recording import InterpolatedWarning, dft321, one_axis
@@ -129,12 +129,14 @@ def test_three_channels_of_a_wav_are_three_axes(tmp_path: Path) -> None:
     np.testing.assert_allclose(single.acceleration_m_s2, NOISE[1], atol=1e-6)
 
 
-def test_arrays_by_name(tmp_path: Path) -> None:
-    path = tmp_path / "r.npz"
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_arrays_by_name(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"r.{suffix}"
     t = np.arange(4000) / 2000.0
     position = np.stack([0.03 * np.sin(5 * t), 0.04 * np.sin(5 * t)])
     arrays = dict(acceleration=NOISE.T, force=NOISE[0], position_x=position[0], position_y=position[1], depth=NOISE[1])
-    np.savez(path, **arrays, rate_Hz=2000.0)
+    arrays = {**arrays, "rate_Hz": 2000.0}
+    (np.savez(path, **arrays) if suffix == "npz" else savemat(path, arrays))
     units = {"acceleration": "g", "force": "mN", "position": "m", "depth": "mm"}
     recording = load_recording(path, units=units)
     assert recording.rate_Hz == 2000.0

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from scipy.signal import butter, sosfiltfilt
 
 from hapscene.capture import fit_swatch, load_recording
@@ -61,6 +62,15 @@ def test_an_invalid_sample_rate_is_refused(rate_Hz: float, tmp_path: Path) -> No
     np.savez(tmp_path / "a.npz", acceleration=stream[:, 0], rate_Hz=rate_Hz)
     with pytest.raises(CaptureError):
         fit_swatch(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
+
+
+def test_a_matlab_file_states_its_units(tmp_path: Path) -> None:
+    units = np.array(["acceleration=g", "force=mN"])  # which MATLAB makes of one length
+    numbers = {"acceleration": np.arange(1000.0), "force": np.arange(1000, dtype=np.int16), "rate_Hz": 1000.0}
+    savemat(tmp_path / "a.mat", {**numbers, "units": units, "note": "by hand", "cell": np.array([{}, 1], object)})
+    recording = load_recording(tmp_path / "a.mat")
+    assert recording.acceleration_m_s2[-1] == pytest.approx(999 * 9.80665) and recording.rate_Hz == 1000.0
+    assert recording.force_N is not None and recording.force_N[-1] == pytest.approx(0.999)
 
 
 def test_a_text_without_numbers_is_refused(tmp_path: Path) -> None:

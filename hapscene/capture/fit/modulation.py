@@ -78,11 +78,13 @@ class ModulationFit(NamedTuple):
         modulation: parameters of the gain, or None.
         intervals: 95 % intervals of each spread and, last, of the total spread.
         reason: why `modulation` is None.
+        ahead: held-out log-likelihood of processes over distance, and over both, minus that over time; NaN if unknown.
     """
 
     modulation: GainModulation | None
     intervals: tuple[tuple[float, float], ...] = ()
     reason: str = ""
+    ahead: tuple[float, float] = (np.nan, np.nan)
 
 
 _Block = tuple[Array, Array, Array]  # levels (2, n) of recording and texture, forces (n,), speeds (n,)
@@ -117,13 +119,13 @@ def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> Modulation
         basis = _basis(block)
         expected = np.array([np.sum(basis * (one @ basis), axis=0) for one in _covariances(block[2], noise, speed)])
         parts.append(_Expected((basis.T @ block[0][0]) ** 2, expected[0], expected[1:]))
-    kind = _kind(blocks, parts, noise, speed)
+    kind, ahead = _kind(blocks, parts, noise, speed)
     seen = _together(parts)
     power, gain = seen.fitted(kind)
     spread = 0.5 * np.sqrt(power)
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
-        return ModulationFit(None, reason="the level varies no more than the level of stationary noise")
+        return ModulationFit(None, reason="the level varies no more than the level of stationary noise", ahead=ahead)
     rng = np.random.default_rng(0)
     chance, kernels = seen.noise, seen.kernels[_KINDS[kind]]
     square = (chance + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(chance)))
@@ -138,7 +140,7 @@ def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> Modulation
     kinds = _KINDS[kind]
     spread = spread * (min(whole, SPREAD_MAX) / float(np.sqrt(np.sum(spread[kept] ** 2))))
     modulation = GainModulation(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
-    return ModulationFit(modulation, tuple(zip(low.tolist(), high.tolist(), strict=True)))
+    return ModulationFit(modulation, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
 
 
 def moving_runs(
@@ -242,13 +244,15 @@ def _fitted(
     return power, -0.5 * np.sum(np.log(model / noise) + square / model - square / noise, axis=-1)
 
 
-def _kind(blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float) -> str:
+def _kind(
+    blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
+) -> tuple[str, tuple[float, float]]:
     """Chooses processes over time, distance or both by cross-validation between the halves of the blocks.
 
     Without a significant difference, time is chosen; the modulation is then the same at all speeds.
     """
     if len(blocks) < 2:
-        return "time"
+        return "time", (np.nan, np.nan)
     halves = [_together(parts[i::2]) for i in (0, 1)]
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
@@ -266,5 +270,5 @@ def _kind(blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, me
             score[kind] -= float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
     ahead = score["distance"] - score["time"], score["both"] - score["time"]
     if ahead[1] > max(ahead[0], 0.0) + MARGIN:
-        return "both"
-    return "distance" if ahead[0] > MARGIN else "time"
+        return "both", ahead
+    return ("distance" if ahead[0] > MARGIN else "time"), ahead

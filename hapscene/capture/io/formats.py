@@ -6,10 +6,12 @@
 |---|---|
 | `.wav` | channels "1", "2", …; integer samples are scaled to ±1 at full scale; the file states the rate |
 | `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; optionally `rate_Hz`; no pickled objects |
+| `.mat` | variables by name, as in `.npz` (MATLAB up to version 7, read by SciPy) |
 | `.hsrec` | record of a probe (`hapscene capture record`), with rate and units |
 | other | text: columns separated by commas, semicolons, tabs or spaces, with or without a header line |
 """
 
+import math
 import os
 import warnings
 from collections.abc import Mapping
@@ -23,7 +25,8 @@ from numpy.typing import NDArray
 
 from hapscene.capture.io.hsrec import TruncatedWarning, load_record
 from hapscene.errors import CaptureError, FormatError, warn
-from hapscene.io.files import check_file_size, refusing
+from hapscene.io.confined import confined
+from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
 from hapscene.io.number_files import TOO_MUCH, numbered, open_npz, read_table
 
 __all__ = [
@@ -32,6 +35,7 @@ __all__ = [
     "Column",
     "RecordingSource",
     "check_range",
+    "read_mat",
     "read_recording_source",
 ]
 
@@ -91,9 +95,7 @@ def read_recording_source(file: Path) -> RecordingSource:
 
 
 def _source(file: Path) -> RecordingSource:
-    if file.suffix.lower() == ".mat":
-        raise CaptureError("MATLAB files are not read: save the recording as CSV (writematrix), or as WAV (audiowrite)")
-    readers = {".wav": _wav, ".npz": _npz}
+    readers = {".wav": _wav, ".npz": _npz, ".mat": _mat}
     reader = readers.get(file.suffix.lower(), _text)
     try:
         source = reader(file)
@@ -167,6 +169,42 @@ def _npz(file: Path) -> RecordingSource:
         raise CaptureError(f"the NPZ file cannot be read: {error}") from None
 
 
+def _mat(file: Path) -> RecordingSource:
+    """Reads the file in a separate process with limited memory."""
+    most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
+    limits = {"memory_B": memory_most_B(most_B), "output_B": most_B}
+    with file.open("rb") as f:
+        read = confined(read_mat, f, BYTES_MAX, by="SciPy's reader of MATLAB files", imports=("scipy.io",), **limits)
+    return _named(read.arrays)
+
+
+_MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
+    f"{sign}int{8 * size}": size for sign in ("", "u") for size in (1, 2, 4, 8)
+}
+"""Size of one number of each MATLAB class [bytes]."""
+
+
+def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
+    """Numeric variables of a MATLAB file, and its `units`.
+
+    Runs in a confined process, because SciPy may crash on a damaged file.
+
+    Raises:
+        FormatError: the file is of version 7.3, or its content is larger than its size allows.
+    """
+    try:
+        held = scipy.io.whosmat(file)
+    except NotImplementedError:
+        raise FormatError("MATLAB 7.3 files are not supported: save the file with -v7") from None
+    wanted = [each for each in held if each[2] in _MAT_B and (each[2] != "char" or each[0] == "units")]
+    unpacked_B = sum(_MAT_B[kind] * math.prod(max(length, 0) for length in shape) for _, shape, kind in wanted)
+    check_unpacked(os.fstat(file.fileno()).st_size, unpacked_B, most_B, TOO_MUCH)
+    file.seek(0)
+    names = [name for name, _, _ in held]
+    content = scipy.io.loadmat(file, variable_names=names) if names else {}
+    return {name: content[name] for name in names if content[name].dtype.kind in f"{_NUMBERS}U"}
+
+
 def _record(file: Path) -> RecordingSource:
     record = load_record(file)
     if record.ended is None:
@@ -202,8 +240,8 @@ def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
 
 
 def _units(value: NDArray[Any] | None) -> dict[str, str]:
-    """Units as `hapscene capture join` writes them to an NPZ file: a list of "name=unit"."""
+    """Units as `hapscene capture record` writes them to an NPZ file: a list of "name=unit"."""
     if value is None or value.dtype.kind != "U":
         return {}
     pairs = (str(text).partition("=") for text in value.reshape(-1)[:1000])
-    return {name: unit for name, equals, unit in pairs if equals}
+    return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB pads shorter texts with spaces

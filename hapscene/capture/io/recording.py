@@ -156,7 +156,7 @@ def load_recording(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> SurfaceRecording:
-    """Reads a recording from a CSV, text, WAV, NPZ or .hsrec file.
+    """Reads a recording from a CSV, text, WAV, NPZ, MAT (up to version 7) or .hsrec file.
 
     Args:
         path: the file. A text file with one column and a WAV file with one or three channels hold the acceleration.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import wavfile
+from scipy.io import savemat, wavfile
 
 from hapscene.capture.io.hsrec import RecordWriter
 from hapscene.io.wire.protocol import Column, Header, Run
@@ -46,6 +46,12 @@ def spoiled(path: Path, old: bytes, new: bytes) -> None:
     path.write_bytes(content.replace(old, new, 1))
 
 
+def crossed_mat(path: Path) -> None:
+    """An invalid data type, at which the reader of SciPy crashes."""
+    savemat(path, {"acceleration": np.arange(1000.0)})
+    spoiled(path, struct.pack("<II", 9, 8000), struct.pack("<II", 11, 8000))
+
+
 def encrypted(path: Path) -> None:
     packed(zipfile.ZIP_STORED)(path)
     spoiled(path, b"PK\1\2\x14\3\x14\0\0\0", b"PK\1\2\x14\3\x14\0\1\0")
@@ -75,6 +81,9 @@ def wav(**change: int) -> Callable[[Path], None]:
 BOMBS: dict[str, tuple[str, Callable[[Path], Any], str]] = {
     "zeros.npz": ("rec", lambda p: np.savez_compressed(p, acceleration=np.zeros(60_000_000, "u1")), "unpacks to 60,"),
     "bytes.npz": ("rec", lambda p: np.savez(p, acceleration=np.ones(60_000_000, np.uint8)), "60,000,000 samples"),
+    "zeros.mat": ("rec", lambda p: savemat(p, {"acceleration": np.zeros(8_000_000)}, do_compression=True), "unpacks"),
+    "version4.mat": ("rec", lambda p: write(p, struct.pack("<5i", 0, 10**9, 9, 0, 2) + b"a\0"), "unpacks to"),
+    "crossed.mat": ("rec", crossed_mat, r"SIGSEGV|damaged"),
     "gap.hsrec": ("rec", record(0, (1 << 28) - 200), "268,435,356 samples"),
     "far.hsrec": ("rec", record(1 << 63), "exceed"),
     "columns.hsrec": ("rec", record(0, columns=60_000), "header or end"),
@@ -126,6 +135,7 @@ REAL: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "doubles.npz": ("rec", lambda p: np.savez(p, acceleration=NOISE.normal(size=(500_000, 3)), force=np.ones(500_000))),
     "words.npz": ("rec", lambda p: np.savez(p, acceleration=NOISE.integers(-999, 999, (3, 1_500_000), np.int16))),
     "gaps.npz": ("rec", lambda p: np.savez(p, acceleration=np.where(np.arange(2_000_000) % 999, 1.0, np.nan))),
+    "doubles.mat": ("rec", lambda p: savemat(p, {"acceleration": NOISE.normal(size=(750_000, 3))})),
     "words.wav": ("rec", lambda p: wavfile.write(p, 10_000, NOISE.integers(-999, 999, (1_500_000, 3), np.int16))),
     "counts.hsrec": ("rec", real_record),
     "text.csv": ("rec", lambda p: real_text(p, b"acceleration,force,speed\n",

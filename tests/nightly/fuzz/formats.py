@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from scipy.io import wavfile
+from scipy.io import savemat, wavfile
 
 import hapscene
 from hapscene.capture.io.hatt import import_hatt, read_taps
@@ -273,6 +273,12 @@ def npz() -> Files:
     return {"x.npz": out.getvalue()}
 
 
+def mat() -> Files:
+    out = io.BytesIO()
+    savemat(out, {"rate_Hz": 1e3, **columns(120)}, do_compression=False)
+    return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # without the date
+
+
 def record() -> Files:
     named = [{"name": name, "unit": unit, "scale": 0.001} for name, unit in (("acceleration", "m/s2"), ("force", "N"))]
     head = {"rate_Hz": 1000.0, "started": "2026-01-01", "columns": named}
@@ -418,6 +424,7 @@ FORMATS: Mapping[str, Format] = {
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),
+    "mat": Format(mat, read_recording, soak=300, quick=2),
     "hsrec": Format(record, read_recording),
     "path": Format(path_csv, lambda path: len(load_path(path, 0.001)[0]), left=lines(r"(?!t,).*\d")),
     "touch": Format(touch, lambda path: len(recording.load_touch(path))),

@@ -82,6 +82,12 @@ def npz_at(rate_Hz: float) -> bytes:
     return out.getvalue()
 
 
+def mat_of_tag_11() -> bytes:
+    """Replace the first type tag miDOUBLE (9) by 11, which is not a type."""
+    content = good("mat")["x.mat"]
+    return spoilt(content, content.index(struct.pack("<II", 9, 8)), b"\x0b")
+
+
 def without(name: str, start: int, end: int) -> bytes:
     """Return the valid file of a format without the bytes from `start` to `end`."""
     content = next(iter(good(name).values()))
@@ -122,6 +128,7 @@ MADE = {
     "wav-cut": ("wav", lambda: without("wav", -100, 10**6)),
     "hsrec-cut-within": ("hsrec", lambda: without("hsrec", -250, -150)),
     "csv-three-axes-short": ("csv", lambda: b"time,acceleration_x,acceleration_y\n0,1,2\n1,2,1\n"),
+    "mat-tag": ("mat", mat_of_tag_11),
     "touch-header-open": ("touch", lambda: touch_with("t_s", npy("{'descr': ((("))),
     "touch-half-a-row": ("touch", lambda: touch_with("t_s", npy(HEADER.replace("20", "0.5")))),
     "touch-letters": ("touch", lambda: touch_with("body_names", npy(TOKEN, b"\xff" * 4))),
