@@ -133,6 +133,8 @@ class Stroke:
         return hit
 
     def _drag(self, tip: _Tip, ray: Ray, first: Hit | None) -> None:
+        if tip.ray is not None and all(map(np.array_equal, tip.ray, ray)):
+            return  # painted already: a release where the button was pressed
         hit = self._pick(first, *ray)
         way: list[Hit | None] = []
         if tip.ray is not None:

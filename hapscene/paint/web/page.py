@@ -306,10 +306,11 @@ class Page:
         if panels is None:
             return {}
         session, tools = self.context.session, panels.context.tools
+        colour = panels.swatches.colour_of(tools.chosen)
         return {
             "tool": tools.name,
             "swatch": tools.chosen,
-            "colour": panels.swatches.colour_of(tools.chosen),
+            "colour": colour,
             "undo": session.painting.undo_text,
             "redo": session.painting.redo_text,
             "dirty": session.dirty,
@@ -318,6 +319,7 @@ class Page:
             "status": self._monitor.status,
             "outline": tuple(tools.outline.corners),
             "grain": self.context.view.grain,
+            "brush": tools.stamp(colour),
             "hand": self.context.touch.status,
         }
 

@@ -158,6 +158,12 @@ class Tools:
         if pressed and self._session.history.state != self._before:
             self._say(f"Cancelled: {self._session.undo()}.")
 
+    def stamp(self, colour: str) -> dict[str, Any] | None:
+        """What the page shows of the brush until the painted faces arrive; None for other tools."""
+        if self.name != "brush" or self._view.show == "look":
+            return None
+        return {"radius_m": (1 - self.falloff / 2) * self.radius_m, "opacity": self.opacity, "colour": colour}
+
     @property
     def stroking(self) -> bool:
         """Whether a stroke of this page is in progress."""
