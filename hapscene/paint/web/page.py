@@ -6,7 +6,7 @@ swatch, brush and theme.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -121,8 +121,7 @@ class Page:
         self._socket = PageSocket(self._act, self._state)
         self.uploads = Uploads(self._socket.say)
         self.uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        self.uploads.take((SWATCH_SUFFIX,), lambda files, client: self.clients[client].swatches.take(files))
-        self.uploads.take((LOOK,), lambda files, client: self.clients[client].swatches.take_picture(files))
+        self.uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
@@ -136,6 +135,7 @@ class Page:
             touch=self._touch,
             socket=self._socket,
             refresh=self.refresh,
+            finish=self._finish,
         )
         self._repaint_due = False
         self._monitor = Monitor(self.context, self._show_status)
@@ -216,6 +216,16 @@ class Page:
             panel.swatches.show(changes.swatch_list, changes.swatches)
             panel.parameters.show()
         self._socket.send_state()
+
+    def _finish(self) -> None:
+        for panel in self.clients.values():
+            panel.context.tools.finish()
+
+    async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
+        """Handle uploaded swatches or a picture, unless the page that sent them was closed."""
+        if client in self.clients:
+            swatches = self.clients[client].swatches
+            await (swatches.take_picture if files[0].suffix.lower() == LOOK else swatches.take)(files)
 
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""
@@ -354,7 +364,6 @@ class Page:
             tools = self._parted.pop() if self._parted else Tools(common.session, common.view, common.touch)
             tools.attach(marks, lambda text: self._socket.say(text, "", name))
             own = ClientContext(**vars(common) | {"questions": []}, client=client, tools=tools)
-            common.clients[name] = own
             panels = ToolPanel(own, self._paint), SwatchPanel(own, self._paint), ParameterPanel(own, self._haptics)
             self.clients[name] = ClientPanels(own, *panels)
             client.gui.add_html(f'<span id="hs-client" data-id="{name}" hidden></span>')
@@ -364,7 +373,6 @@ class Page:
         async def remove(client: Any) -> None:
             self._body_panel.dragging = False
             panels = self.clients.pop(client.client_id, None)
-            self.context.clients.pop(client.client_id, None)
             if panels is not None:
                 panels.swatches.close()
                 await panels.context.tools.release(None)

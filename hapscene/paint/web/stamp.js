@@ -66,9 +66,9 @@ export function newStamp() {
       radius.value = brush.radius_m;
       window.__viserMutable.requestRender();
     },
-    clear() {
+    clear() {  // visible in the next frame, which comes within a second
       clearTimeout(timer);
-      if (on !== null && count(on).value) { count(on).value = 0; window.__viserMutable.requestRender(); }
+      if (on !== null) count(on).value = 0;
     },
     clearSoon() { clearTimeout(timer); timer = setTimeout(stamp.clear, REPLACED_MS); },
   };

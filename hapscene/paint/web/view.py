@@ -441,6 +441,7 @@ class ToolMarks:
 
     def __init__(self, scene: Any, view: SceneView, painting: Painting) -> None:
         self._view, self._painting = view, painting
+        self._ringed: tuple[float, ...] = ()
         ink = _rgb(OKABE_ITO["purple"])
         dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # visible on every colour
         line = {"thickness": 2.5, "thickness_units": "screen"}
@@ -456,8 +457,10 @@ class ToolMarks:
     def show_ring(self, hit: Hit | None, radius_m: float) -> None:
         """Show the ring of the brush, projected onto the surface; None hides it."""
         self._ring.visible = hit is not None
-        if hit is None:
+        wanted = () if hit is None else (hit.body, *hit.p_W_m, radius_m, self._view.scale)
+        if hit is None or wanted == self._ringed:
             return
+        self._ringed = wanted
         side = np.cross(hit.nhat_W, np.eye(3)[np.argmin(np.abs(hit.nhat_W))])
         side /= np.linalg.norm(side)
         turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
