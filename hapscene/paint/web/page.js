@@ -386,15 +386,17 @@ function start() {
   const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
   link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
   localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see server.py
-  const hide = setInterval(() => {  // hides the token from the address bar, once viser has connected
-    if (client() < 0) return;
-    clearInterval(hide);
-    history.replaceState(null, "", "/");
-    setTheme();
-  }, 100);
+  let known = false;
+  function introduce() {  // once viser has numbered this page: the server answers with the state
+    if (known || client() < 0) return;
+    known = true;
+    history.replaceState(null, "", "/");  // hides the token from the address bar
+    if (themed.dark) setTheme(); else send({ do: "hello" });
+  }
   new ResizeObserver(fit).observe(document.body);
   let due = false;
   new MutationObserver(() => {
+    introduce();
     blurBehindDialog();
     if (!due) requestAnimationFrame(() => { due = false; fixPage(say); fit(); updateTip(); });
     due = true;
