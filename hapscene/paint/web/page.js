@@ -386,10 +386,10 @@ function start() {
   const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
   link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
   localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see server.py
-  let known = false;
-  function introduce() {  // once viser has numbered this page: the server answers with the state
-    if (known || client() < 0) return;
-    known = true;
+  let known = -1;
+  function introduce() {  // when viser has numbered this page: the server answers with the state
+    if (client() === known || client() < 0) return;
+    known = client();
     history.replaceState(null, "", "/");  // hides the token from the address bar
     if (themed.dark) setTheme(); else send({ do: "hello" });
   }
