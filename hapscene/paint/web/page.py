@@ -236,6 +236,7 @@ class Page:
             if await self._follow_pointer(message, panels.context.tools):
                 return
             await self._do(message, panels)
+            await asyncio.sleep(0)  # the stream of the touch runs between painting and showing it
         except (HapsceneError, OSError) as error:
             panels.context.say(str(error), "error")
         self.refresh()

@@ -1,5 +1,6 @@
 """WebSockets of the page: receive input events and uploads; send state, traces and sound."""
 
+import asyncio
 import contextlib
 import json
 import re
@@ -33,6 +34,10 @@ MESSAGE_BYTES_MAX: Final = 10_000
 
 BACKLOG_BYTES_MAX: Final = 500_000
 """Largest backlog of a page that does not read [bytes]: some seconds of traces. Further traces are dropped."""
+
+PAUSE_S: Final = 0.001
+"""Pause after each message [s], in which painted faces, sound and other pages are served: messages that wait already
+would be handled without one."""
 
 PIXEL_MAX: Final = 1e5
 """Largest canvas that is accepted [pixels]."""
@@ -69,6 +74,7 @@ class PageSocket:
                 else:
                     self._sockets[connection] = client_of(message)
                     await self._act(message)
+                    await asyncio.sleep(PAUSE_S)
                     if "n" in message:  # the page shows that it waits
                         self._send_to(connection, json.dumps({"done": message["n"]}))
         except ConnectionClosed:
