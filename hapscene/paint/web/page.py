@@ -79,7 +79,6 @@ class Page:
 
     Attributes:
         server: viser server.
-        uploads: receives files that are dropped on the page.
         context: session, view, hand and socket.
         clients: tools and controls of each browser, by viser's number.
         kept: after closing, whether there is unsaved work to recover.
@@ -119,10 +118,10 @@ class Page:
         self.server = self._served.viser
         self._loop = self.server.get_event_loop()
         self._socket = PageSocket(self._act, self._state)
-        self.uploads = Uploads(self._socket.say)
-        self.uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        self.uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
-        self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
+        uploads = Uploads(self._socket.say)
+        uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
+        uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
+        self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
         self._page_shown = asyncio.Event()
@@ -135,7 +134,7 @@ class Page:
             touch=self._touch,
             socket=self._socket,
             refresh=self.refresh,
-            finish=self._finish,
+            finish=lambda: [panels.context.tools.finish() for panels in self.clients.values()],
         )
         self._repaint_due = False
         self._monitor = Monitor(self.context, self._show_status)
@@ -216,10 +215,6 @@ class Page:
             panel.swatches.show(changes.swatch_list, changes.swatches)
             panel.parameters.show()
         self._socket.send_state()
-
-    def _finish(self) -> None:
-        for panel in self.clients.values():
-            panel.context.tools.finish()
 
     async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
         """Handle uploaded swatches or a picture, unless the page that sent them was closed."""

@@ -35,10 +35,6 @@ MESSAGE_BYTES_MAX: Final = 10_000
 BACKLOG_BYTES_MAX: Final = 500_000
 """Largest backlog of a page that does not read [bytes]: some seconds of traces. Further traces are dropped."""
 
-PAUSE_S: Final = 0.001
-"""Pause after each message [s], in which painted faces, sound and other pages are served: messages that wait already
-would be handled without one."""
-
 PIXEL_MAX: Final = 1e5
 """Largest canvas that is accepted [pixels]."""
 
@@ -57,8 +53,6 @@ class PageSocket:
         self._act, self._state = act, state
         self._sockets: dict[Any, int] = {}  # with the number of the page
         self._sent: dict[Any, Message] = {}  # last state of each page
-        self.refused = 0
-        """Number of invalid messages [count]."""
 
     async def serve(self, connection: Any) -> None:
         """Handle the messages of a page in order until it disconnects."""
@@ -70,13 +64,12 @@ class PageSocket:
             async for raw in connection:
                 message = parse(raw)
                 if message is None:
-                    self.refused += 1
-                else:
-                    self._sockets[connection] = client_of(message)
-                    await self._act(message)
-                    await asyncio.sleep(PAUSE_S)
-                    if "n" in message:  # the page shows that it waits
-                        self._send_to(connection, json.dumps({"done": message["n"]}))
+                    continue
+                self._sockets[connection] = client_of(message)
+                await self._act(message)
+                await asyncio.sleep(0.001)  # serves painted faces, sound and other pages before messages that wait
+                if "n" in message:  # the page shows that it waits
+                    self._send_to(connection, json.dumps({"done": message["n"]}))
         except ConnectionClosed:
             pass
         finally:

@@ -224,15 +224,6 @@ def test_messages_that_take_long_are_answered_on_the_page_that_sent_them(page: P
     other.close()
 
 
-def test_each_page_has_its_own_theme(page: Page, tab: Tab) -> None:
-    other = Tab(page)
-    other.send("theme", client=other.client, dark=True)
-    other.wait(lambda: other.dark)
-    tab.settle()
-    assert not tab.dark
-    other.close()
-
-
 def test_tuned_swatch_is_saved_under_a_new_name_and_listed(page: Page, tab: Tab, library: Path) -> None:
     tab.choose("paper")
     tab.set("Stiffness [N/m]", 123.0)
@@ -437,16 +428,14 @@ def test_saving_over_a_changed_file_needs_confirmation(page: Page, tab: Tab) -> 
 
 
 def test_second_tab_shows_the_same_state_and_closing_one_loses_nothing(page: Page, tab: Tab) -> None:
-    other = Tab(page)
+    other, tools = Tab(page), tab.tools
     tab.choose("wood")
-    tab.set("Size [mm]", 7.0)
-    other.wait(lambda: other.control("Size [mm]")["value"] == 7.0)
     tab.point("down", TOP)
     tab.point("move", np.add(TOP, (0.004, 0.0, 0.0)))
     tab.settle()
     tab.close()  # with the button held
     other.wait(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
-    assert painted(page, 0, "wood") > 0 and not tab.tools.pressed
+    assert painted(page, 0, "wood") > 0 and not tools.pressed
     third = Tab(page)
     assert third.state["undo"] == other.state["undo"]
     assert {n for n in third.nodes if n.startswith("/body")} or third.wait(lambda: third.nodes)
@@ -507,7 +496,7 @@ def test_a_mesh_without_a_scene_file_is_not_saved_yet(tmp_path: Path) -> None:
     assert not page.kept and not autosave_folder(tmp_path / "new.scene.json").exists()
 
 
-def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab) -> None:
+def test_invalid_messages_change_nothing(page: Page, tab: Tab) -> None:
     before = page.context.session.painting.state
     for raw in ("", "[]", "{", "null", '{"do": 1}', '{"do": {}}', "[" * 9000, "x" * 100_000):
         tab.ours.send(raw)
@@ -518,7 +507,6 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
     tab.send("size", factor="big")
     tab.send("rm -rf")
     tab.settle()
-    assert page.context.socket.refused >= 9
     assert page.context.session.painting.state == before and tab.state["tool"] == "brush"
     tab.set("Size [mm]", 9.0)
     tab.wait(lambda: abs(tab.tools.radius_m - 0.0045) < 1e-9)
