@@ -39,7 +39,7 @@ class PageContext:
     touch: TouchHand
     socket: PageSocket
     refresh: Callable[[], None]
-    finish: Callable[[], object]
+    finish: Callable[[], None]
     previews: dict[tuple[Any, ...], str] = field(default_factory=dict)
     questions: list[Any] = field(default_factory=list)
 

@@ -134,7 +134,7 @@ class Page:
             touch=self._touch,
             socket=self._socket,
             refresh=self.refresh,
-            finish=lambda: [panels.context.tools.finish() for panels in self.clients.values()],
+            finish=self._finish,
         )
         self._repaint_due = False
         self._monitor = Monitor(self.context, self._show_status)
@@ -215,6 +215,10 @@ class Page:
             panel.swatches.show(changes.swatch_list, changes.swatches)
             panel.parameters.show()
         self._socket.send_state()
+
+    def _finish(self) -> None:
+        for panels in self.clients.values():
+            panels.context.tools.finish()
 
     async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
         """Handle uploaded swatches or a picture, unless the page that sent them was closed."""

@@ -314,7 +314,7 @@ class SceneView:
         if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
             return None  # an invalid camera
         X_WE = np.eye(4)
-        X_WE[:3, :3] = _rotation(place[:4])
+        X_WE[:3, :3] = scipy.spatial.transform.Rotation.from_quat(place[:4], scalar_first=True).as_matrix()
         X_WE[:3, 3] = place[4:7] / self.scale + self.middle_W_m
         return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
 
@@ -365,7 +365,7 @@ class SceneView:
             async def report(event: Any) -> None:
                 wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
                 if np.linalg.norm(wxyz) > 0.5:
-                    X[:3, :3] = _rotation(wxyz)
+                    X[:3, :3] = scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
                     X[:3, 3] = np.asarray(event.target.position) / self.scale + self.middle_W_m
                     moved(event.phase, X)
 
@@ -490,11 +490,6 @@ def rgb_bytes(colour: Iterable[float]) -> tuple[int, int, int]:
 def _rgb(colour: str) -> tuple[int, int, int]:
     """A colour "#rrggbb" as bytes."""
     return rgb_bytes(rgb(colour))
-
-
-def _rotation(wxyz: Vector) -> Vector:
-    """Rotation matrix (3, 3) of a quaternion (w, x, y, z)."""
-    return np.asarray(scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
 
 
 def rotation(angles_deg: Vector) -> NDArray[np.float64]:
