@@ -83,6 +83,8 @@ class Stroke:
         length = float(np.linalg.norm(direction))
         if length > 0.0:
             ray = origin, direction / length
+            if self._ray is not None and all(map(np.array_equal, self._ray, ray)):
+                return hit  # painted already: a release where the button was pressed
             way: list[Hit | None] = []
             if self._ray is not None:
                 (o, d), count = self._ray, self._pieces(ray, hit)

@@ -137,7 +137,7 @@ class BodyPanel:
     async def _scale(self, name: str, factor: float, beside: bool = False) -> None:
         """Scale a body; a large mesh is prepared in another thread."""
         composing, view = self._composing, self._context.view
-        await asyncio.to_thread(lambda: view.prepare([composing.scaled_mesh(name, factor)]))
+        await asyncio.to_thread(lambda: view.display.prepare([composing.scaled_mesh(name, factor)]))
         composing.scale(name, factor, beside=beside)
 
     async def _resize(self, name: str, value: str) -> None:
@@ -198,7 +198,7 @@ class BodyPanel:
 
         def load() -> Scene:
             scene = open_scene(file, unit)
-            view.prepare([body.mesh for body in scene.bodies])
+            view.display.prepare([body.mesh for body in scene.bodies])
             return scene
 
         if _is_unitless(file):

@@ -28,7 +28,7 @@ class PageContext:
         server: viser server.
         session, view, touch, socket: one object each.
         refresh: updates the page; call it after each operation that may have changed the scene.
-        clients: browsers that show the page, by viser's number.
+        finish: ends the operations of all pointers.
         previews: pictures of swatches as data URLs, by everything that they depend on.
         questions: open dialogs, the topmost last.
     """
@@ -39,7 +39,7 @@ class PageContext:
     touch: TouchHand
     socket: PageSocket
     refresh: Callable[[], None]
-    clients: dict[int, "ClientContext"] = field(default_factory=dict)
+    finish: Callable[[], None]
     previews: dict[tuple[Any, ...], str] = field(default_factory=dict)
     questions: list[Any] = field(default_factory=list)
 
@@ -51,11 +51,6 @@ class PageContext:
     def say(self, text: str, kind: str = "") -> None:
         """Show a message; `kind` is "error" or ""."""
         self.socket.say(text, kind)
-
-    def finish(self) -> None:
-        """End the operations of all pointers."""
-        for client in self.clients.values():
-            client.tools.finish()
 
     def callback(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """A viser callback that runs in the event loop and shows errors of `act` to the user.

@@ -5,6 +5,7 @@ import { newGrain } from "/hapscene-grain.js";
 import { newKeyList } from "/hapscene-keys.js";
 import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
+import { newStamp } from "/hapscene-stamp.js";
 import { JitterBuffer } from "/hapscene-audio_monitor.js";
 import { fixPage, sheetHeight, showTips } from "/hapscene-viser.js";
 
@@ -34,7 +35,9 @@ const forFingers = (text) => TOUCH_SCREEN ? text.replace("Shift + drag", "Draw o
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const themed = { get dark() { const kept = localStorage.getItem("hapscene-dark"); return kept === null ? DARK.matches : kept === "true"; } };
 const BUSY = { undo: "Undoing", redo: "Redoing", save: "Saving the scene", down: "Working on the surface", up: "Painting", body: "Changing the bodies", library: "Reading the swatch" };
-const BUSY_MS = 300, GRAIN_MS = 150, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
+const BUSY_MS = 300, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
+const POINTER = new Set(["hover", "down", "move", "up", "leave"]);
+const stamp = newStamp();
 const make = (tag, attributes = {}, ...inside) => {
   const node = Object.assign(document.createElement(tag), attributes);
   node.append(...inside);
@@ -47,6 +50,7 @@ let state = {}, pressed = null, lock = false, lastHover = 0, waiting = null, ove
 const link = new Worker("/hapscene-socket_worker.js");  // owns the socket, so that sound does not wait for drawing
 const busy = new Map();  // timers of messages that the server has not handled yet
 const send = (message) => {
+  if (!POINTER.has(message.do)) stamp.clear();
   message = { client: client(), ...message };  // the server handles messages of a page once viser has numbered it
   if (BUSY[message.do]) {
     const n = Math.random();
@@ -58,6 +62,7 @@ const send = (message) => {
 function onDone(n) {
   clearTimeout(busy.get(n));
   busy.delete(n);
+  if (!busy.size && !pressed) stamp.clearSoon();
   if (!busy.size && toast.className === "busy") say("");
 }
 link.onmessage = ({ data }) => {
@@ -102,7 +107,7 @@ function place(event) {
 }
 const onCanvas = (event) => { const c = canvas(); return c && (event.target === c || c.parentElement.contains(event.target)); };
 const consume = (event) => { event.stopImmediatePropagation(); event.preventDefault(); };
-function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); } }
+function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); stamp.add(pressed.place, state.brush); } }
 window.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !onCanvas(event) || event.ctrlKey || event.metaKey) return;
   if (pressed && event.pointerId !== pressed.id) { consume(event); release("cancel"); return; }  // a second finger
@@ -119,6 +124,7 @@ function press(event) {
   sound.wake();
   pressed = { id: event.pointerId, place: place(event) };
   send({ do: "down", ...pressed.place });
+  stamp.add(pressed.place, state.brush, true);
 }
 function draw(event) {
   pressed.place = place(event);
@@ -380,15 +386,17 @@ function start() {
   const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
   link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
   localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see server.py
-  const hide = setInterval(() => {  // hides the token from the address bar, once viser has connected
-    if (client() < 0) return;
-    clearInterval(hide);
-    history.replaceState(null, "", "/");
-    setTheme();
-  }, 100);
+  let known = -1;
+  function introduce() {  // when viser has numbered this page: the server answers with the state
+    if (client() === known || client() < 0) return;
+    known = client();
+    history.replaceState(null, "", "/");  // hides the token from the address bar
+    if (themed.dark) setTheme(); else send({ do: "hello" });
+  }
   new ResizeObserver(fit).observe(document.body);
   let due = false;
   new MutationObserver(() => {
+    introduce();
     blurBehindDialog();
     if (!due) requestAnimationFrame(() => { due = false; fixPage(say); fit(); updateTip(); });
     due = true;
@@ -396,8 +404,7 @@ function start() {
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });
   setInterval(fit, 300);
   const grain = newGrain();
-  setInterval(() => grain(state.grain), GRAIN_MS);
-  (function frame() { trace.draw(); requestAnimationFrame(frame); })();
+  (function frame() { grain(state.grain, stamp.uniforms); trace.draw(); requestAnimationFrame(frame); })();
 }
 start();
-window.hapscene = { get state() { return state; }, sound, trace, client, send };
+window.hapscene = { get state() { return state; }, sound, trace, client, send, stamp };

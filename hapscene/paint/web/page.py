@@ -6,7 +6,7 @@ swatch, brush and theme.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -79,7 +79,6 @@ class Page:
 
     Attributes:
         server: viser server.
-        uploads: receives files that are dropped on the page.
         context: session, view, hand and socket.
         clients: tools and controls of each browser, by viser's number.
         kept: after closing, whether there is unsaved work to recover.
@@ -119,11 +118,10 @@ class Page:
         self.server = self._served.viser
         self._loop = self.server.get_event_loop()
         self._socket = PageSocket(self._act, self._state)
-        self.uploads = Uploads(self._socket.say)
-        self.uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        self.uploads.take((SWATCH_SUFFIX,), lambda files, client: self.clients[client].swatches.take(files))
-        self.uploads.take((LOOK,), lambda files, client: self.clients[client].swatches.take_picture(files))
-        self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
+        uploads = Uploads(self._socket.say)
+        uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
+        uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
+        self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
         self._page_shown = asyncio.Event()
@@ -136,6 +134,7 @@ class Page:
             touch=self._touch,
             socket=self._socket,
             refresh=self.refresh,
+            finish=self._finish,
         )
         self._repaint_due = False
         self._monitor = Monitor(self.context, self._show_status)
@@ -217,6 +216,16 @@ class Page:
             panel.parameters.show()
         self._socket.send_state()
 
+    def _finish(self) -> None:
+        for panels in self.clients.values():
+            panels.context.tools.finish()
+
+    async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
+        """Handle uploaded swatches or a picture, unless the page that sent them was closed."""
+        if client in self.clients:
+            swatches = self.clients[client].swatches
+            await (swatches.take_picture if files[0].suffix.lower() == LOOK else swatches.take)(files)
+
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""
         panels = self.clients.get(client_of(message))
@@ -226,6 +235,7 @@ class Page:
             if await self._follow_pointer(message, panels.context.tools):
                 return
             await self._do(message, panels)
+            await asyncio.sleep(0)  # the stream of the touch runs between painting and showing it
         except (HapsceneError, OSError) as error:
             panels.context.say(str(error), "error")
         self.refresh()
@@ -306,10 +316,11 @@ class Page:
         if panels is None:
             return {}
         session, tools = self.context.session, panels.context.tools
+        colour = panels.swatches.colour_of(tools.chosen)
         return {
             "tool": tools.name,
             "swatch": tools.chosen,
-            "colour": panels.swatches.colour_of(tools.chosen),
+            "colour": colour,
             "undo": session.painting.undo_text,
             "redo": session.painting.redo_text,
             "dirty": session.dirty,
@@ -318,6 +329,7 @@ class Page:
             "status": self._monitor.status,
             "outline": tuple(tools.outline.corners),
             "grain": self.context.view.grain,
+            "brush": tools.stamp(colour),
             "hand": self.context.touch.status,
         }
 
@@ -352,7 +364,6 @@ class Page:
             tools = self._parted.pop() if self._parted else Tools(common.session, common.view, common.touch)
             tools.attach(marks, lambda text: self._socket.say(text, "", name))
             own = ClientContext(**vars(common) | {"questions": []}, client=client, tools=tools)
-            common.clients[name] = own
             panels = ToolPanel(own, self._paint), SwatchPanel(own, self._paint), ParameterPanel(own, self._haptics)
             self.clients[name] = ClientPanels(own, *panels)
             client.gui.add_html(f'<span id="hs-client" data-id="{name}" hidden></span>')
@@ -362,7 +373,6 @@ class Page:
         async def remove(client: Any) -> None:
             self._body_panel.dragging = False
             panels = self.clients.pop(client.client_id, None)
-            self.context.clients.pop(client.client_id, None)
             if panels is not None:
                 panels.swatches.close()
                 await panels.context.tools.release(None)

@@ -55,8 +55,8 @@ if (known && known !== location.pathname) location.replace(known);
 MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 
 SCRIPTS: Final = (
-    *("audio_monitor", "body_tree", "cursor", "grain", "keys", "outline", "plot", "socket_worker", "swatch_library"),
-    *("upload", "viser"),
+    *("audio_monitor", "body_tree", "cursor", "grain", "keys", "outline", "plot", "socket_worker", "stamp"),
+    *("swatch_library", "upload", "viser"),
 )
 
 HEAD: Final = b"""<link rel="stylesheet" href="/hapscene.css"><script>

@@ -1,5 +1,6 @@
 """WebSockets of the page: receive input events and uploads; send state, traces and sound."""
 
+import asyncio
 import contextlib
 import json
 import re
@@ -52,8 +53,6 @@ class PageSocket:
         self._act, self._state = act, state
         self._sockets: dict[Any, int] = {}  # with the number of the page
         self._sent: dict[Any, Message] = {}  # last state of each page
-        self.refused = 0
-        """Number of invalid messages [count]."""
 
     async def serve(self, connection: Any) -> None:
         """Handle the messages of a page in order until it disconnects."""
@@ -65,12 +64,12 @@ class PageSocket:
             async for raw in connection:
                 message = parse(raw)
                 if message is None:
-                    self.refused += 1
-                else:
-                    self._sockets[connection] = client_of(message)
-                    await self._act(message)
-                    if "n" in message:  # the page shows that it waits
-                        self._send_to(connection, json.dumps({"done": message["n"]}))
+                    continue
+                self._sockets[connection] = client_of(message)
+                await self._act(message)
+                await asyncio.sleep(0.001)  # serves painted faces, sound and other pages before messages that wait
+                if "n" in message:  # the page shows that it waits
+                    self._send_to(connection, json.dumps({"done": message["n"]}))
         except ConnectionClosed:
             pass
         finally:
@@ -216,10 +215,11 @@ class Uploads:
         from websockets.exceptions import ConnectionClosed
 
         with contextlib.suppress(ConnectionClosed):
-            wanted = parse_file_list(text := await connection.recv())
-            if isinstance(wanted, str):
-                self._say(wanted, "error")
+            parsed = parse_file_list(await connection.recv())
+            if isinstance(parsed, str):
+                self._say(parsed, "error")
                 return [], -1
+            wanted, client = parsed
             if not any(self._taker(Path(name)) for name in wanted):
                 known = ", ".join(sorted({suffix for suffixes, _ in self._takers for suffix in suffixes}))
                 self._say(f"{short(next(iter(wanted)))}: unsupported file type; expected {known}.", "error")
@@ -233,7 +233,7 @@ class Uploads:
                             return [], -1
                         file.write(data)
                         left -= len(data)
-            return [folder / name for name in wanted], client_of(json.loads(text))
+            return [folder / name for name in wanted], client
         self._say("The upload was interrupted: try again.", "error")
         return [], -1
 
@@ -242,12 +242,13 @@ class Uploads:
         return next((taker for suffixes, taker in self._takers if suffix in suffixes), None)
 
 
-def parse_file_list(text: Any) -> Mapping[str, int] | str:
-    """Names and sizes of the files of an upload; or an error message."""
+def parse_file_list(text: Any) -> tuple[Mapping[str, int], int] | str:
+    """Names and sizes of the files of an upload, and the number of the page; or an error message."""
     try:
         if not isinstance(text, str) or len(text) > 100_000:
             return INVALID_LIST
-        files: Any = json.loads(text)["files"]
+        message = json.loads(text)
+        files: Any = message["files"]
         wanted = {safe_name(str(file["name"])): file["size"] for file in files}
     except (ValueError, TypeError, KeyError, RecursionError):
         return INVALID_LIST
@@ -257,7 +258,7 @@ def parse_file_list(text: Any) -> Mapping[str, int] | str:
         return INVALID_LIST
     if sum(wanted.values()) > BYTES_MAX:
         return f"The files are too large: at most {BYTES_MAX >> 20} MiB can be uploaded; use hapscene paint FILE."
-    return wanted
+    return wanted, client_of(message)
 
 
 def safe_name(name: str) -> str:

@@ -185,7 +185,8 @@ class SwatchPanel:
             f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="Set a picture of the surface, '
             f'{1e3 * Look.size_m:g} mm wide. You can also drop one here">Picture…</button>'
         )
-        where = escape_html(" · ".join(filter(None, (_place(card), touched_with(card.entry))))) + tags
+        place = f"your library: {card.folder}" if card.place == "yours" and card.folder else PLACES[card.place]
+        where = escape_html(" · ".join(filter(None, (place, touched_with(card.entry))))) + tags
         return (
             f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
             f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{buttons}</div></div>"
@@ -312,11 +313,6 @@ def _figure_html(phrase: Phrase) -> str:
         return ""
     figure = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
     return f"<span class='dim'>{figure}</span>"
-
-
-def _place(card: Card) -> str:
-    """Source of a swatch as text, with the folder in the user's library."""
-    return f"your library: {card.folder}" if card.place == "yours" and card.folder else PLACES[card.place]
 
 
 def _ball(card: Card, colour: str | None) -> str:

@@ -15,6 +15,7 @@ from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.web.hand import TouchHand
 from hapscene.paint.web.view import Pointer, SceneView, ToolMarks
 from hapscene.surface.swatch import PLAIN, SwatchLike
+from hapscene.view.feel_layer import OPACITY
 
 __all__ = ["RADIUS_SHARE", "REGIONS", "STROKES", "TOOLS", "Tools"]
 
@@ -157,6 +158,13 @@ class Tools:
         await self.release(None)
         if pressed and self._session.history.state != self._before:
             self._say(f"Cancelled: {self._session.undo()}.")
+
+    def stamp(self, colour: str) -> dict[str, Any] | None:
+        """What the page shows of the brush until the painted faces arrive; None for other tools."""
+        if self.name != "brush" or self._view.show == "look":
+            return None
+        opacity = self.opacity * (OPACITY if self._view.show == "both" and self._view.has_look else 1.0)
+        return {"radius_m": (1 - self.falloff / 2) * self.radius_m, "opacity": opacity, "colour": colour}
 
     @property
     def stroking(self) -> bool:

@@ -16,7 +16,6 @@ from hapscene.paint.model.mesh import Hit, project_to_surface
 from hapscene.paint.model.painting import Changes, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
-from hapscene.scene.mesh import Mesh
 from hapscene.view.camera import facing
 from hapscene.view.feel_layer import OPACITY, Show, grain_of
 from hapscene.view.figure_parts import STYLUS, TOOL_LENGTH, TOOL_R_WT
@@ -97,6 +96,7 @@ class SceneView:
     Attributes:
         diagonal_m: diagonal of the scene [m].
         scale: length of 1 m in viser's units.
+        display: display meshes of the painting.
         colours: colours of the scene's swatches, "#rrggbb", changed where two would be similar.
         show: visible layers: look, the materials of the mesh files; feel, the paint; or both.
     """
@@ -105,7 +105,7 @@ class SceneView:
         self._server = server
         self._painting = painting
         self._measure()
-        self._display = display
+        self.display = display
         self.colours = self._distinct()
         self.show: Show = "both"
         self._frames: dict[int, BodyFrame] = {}  # by id of the `ShownBody`
@@ -133,18 +133,14 @@ class SceneView:
             self.colours = self._distinct()
             self._show_grains()
         if changes.bodies:
-            changed = self._display.compose()
+            changed = self.display.compose()
             self._compose()
             self._draw(changed)
         elif changes.poses:
             self._place_bodies()
-        self._draw(self._display.update(changes))
+        self._draw(self.display.update(changes))
         if changes.swatches or changes.swatch_list:
             self._recolour()
-
-    def prepare(self, meshes: Sequence[Mesh]) -> None:
-        """Reduce the meshes of bodies that are about to be added. Thread-safe."""
-        self._display.prepare(meshes)
 
     def _show_grains(self) -> None:
         """Send the pictures of grains that have changed; grain.js applies them."""
@@ -168,7 +164,7 @@ class SceneView:
         scene = self._painting.scene
         found = {i: gain for i, (_, handle, gain) in self._grains.items() if handle and i < len(scene.swatches)}
         grains, tiles = {i: grain_of(scene.swatches[i]) for i in found}, {}
-        for body, shown in zip(scene.bodies, self._display.bodies, strict=False):
+        for body, shown in zip(scene.bodies, self.display.bodies, strict=False):
             if id(shown) in self._frames:
                 number = self._frames[id(shown)].number
                 tiles[number] = {i: grain.tile_m(body.mesh.diagonal_m) for i, grain in grains.items()}
@@ -187,7 +183,7 @@ class SceneView:
                 look.scale = self.scale
             for client in self._server.get_clients().values():
                 self.look(client.camera)
-        frames, self._frames, shown = self._frames, {}, self._display.bodies
+        frames, self._frames, shown = self._frames, {}, self.display.bodies
         for key in frames.keys() - set(map(id, shown)):
             frames[key].node.remove()  # with its children
         fresh: set[int] = set()
@@ -200,18 +196,18 @@ class SceneView:
                 fresh.add(index)
             self._frames[id(body)] = frame
         self._place_bodies()
-        self._draw([key for key in self._display.chunks() if key.body in fresh])
+        self._draw([key for key in self.display.chunks() if key.body in fresh])
 
     def _place_bodies(self) -> None:
         """Update poses and visibility of the bodies."""
-        for body, shown in zip(self._painting.scene.bodies, self._display.bodies, strict=True):
+        for body, shown in zip(self._painting.scene.bodies, self.display.bodies, strict=True):
             node = self._frames[id(shown)].node
             node.wxyz, node.position = quaternion(body.X_WB[:3, :3]), self.to_view(body.X_WB[:3, 3])
             node.visible = body.name not in self._painting.hidden
 
     def _add_look(self, index: int, number: int) -> Any:
         """Add the textured mesh of a body to its frame; None if it has no textures."""
-        shown = self._display.bodies[index]
+        shown = self.display.bodies[index]
         if not shown.textured:
             return None
         glb = look_glb(shown.look_mesh(), self._painting.scene.bodies[index].two_sided)
@@ -226,10 +222,10 @@ class SceneView:
     @property
     def has_look(self) -> bool:
         """Whether the mesh file of any body has colours."""
-        return any(body.file_colours is not None for body in self._display.bodies)
+        return any(body.file_colours is not None for body in self.display.bodies)
 
     def _recolour(self) -> None:
-        for index, shown in enumerate(self._display.bodies):
+        for index, shown in enumerate(self.display.bodies):
             frame = self._frames.get(id(shown))
             if frame is None:
                 continue
@@ -250,7 +246,7 @@ class SceneView:
         """Colour of a layer, its swatches mixed by weight; and its opacity over a textured mesh, None for opaque."""
         heavier, lighter, weight = (float(value) for value in parts(paint))
         opacity, swatches = None, [int(heavier), int(lighter)]
-        if self._display.bodies[body].textured and self.show != "feel":
+        if self.display.bodies[body].textured and self.show != "feel":
             default = self._painting.defaults[body]
             share = weight if swatches[0] == default else 1 - weight if swatches[1] == default and weight else 1.0
             opacity = OPACITY * share if self.show == "both" else 0.0
@@ -261,7 +257,7 @@ class SceneView:
 
     def _swatch_colour(self, body: int, swatch: int, tint: int) -> Vector:
         """Colour (3,) of a swatch, mixed with the file colour below it."""
-        shown, colour = self._display.bodies[body], rgb(self.colours[swatch])
+        shown, colour = self.display.bodies[body], rgb(self.colours[swatch])
         if shown.file_colours is None or self.show == "feel":
             return colour
         below = np.asarray(shown.file_colours.rgb[tint])
@@ -272,10 +268,10 @@ class SceneView:
     def _draw(self, keys: list[ChunkKey]) -> None:
         for key in keys:
             body = self._painting.scene.bodies[key.body]
-            frame = self._frames[id(self._display.bodies[key.body])]
+            frame = self._frames[id(self.display.bodies[key.body])]
             old, new = frame.layers.get(key.chunk, {}), {}
             with self._server.atomic():
-                for layer in self._display.layers(key):
+                for layer in self.display.layers(key):
                     kind = layer.paint, layer.tint
                     colour, opacity = self._colour(key.body, *kind)
                     new[kind] = self._server.scene.add_mesh_simple(
@@ -318,7 +314,7 @@ class SceneView:
         if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
             return None  # an invalid camera
         X_WE = np.eye(4)
-        X_WE[:3, :3] = _rotation(place[:4])
+        X_WE[:3, :3] = scipy.spatial.transform.Rotation.from_quat(place[:4], scalar_first=True).as_matrix()
         X_WE[:3, 3] = place[4:7] / self.scale + self.middle_W_m
         return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
 
@@ -369,7 +365,7 @@ class SceneView:
             async def report(event: Any) -> None:
                 wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
                 if np.linalg.norm(wxyz) > 0.5:
-                    X[:3, :3] = _rotation(wxyz)
+                    X[:3, :3] = scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
                     X[:3, 3] = np.asarray(event.target.position) / self.scale + self.middle_W_m
                     moved(event.phase, X)
 
@@ -425,7 +421,8 @@ class SceneView:
         self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
         up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
         head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
-        self._arrow = scene.add_arrows("/mark/force", up, _linear(FORCE), **head)
+        force = rgb_bytes(linear(rgb(FORCE)))  # viser expects linear light for arrows
+        self._arrow = scene.add_arrows("/mark/force", up, force, **head)
         for mark in (self._tool, self._proxy, self._arrow):
             mark.visible = False
 
@@ -493,16 +490,6 @@ def rgb_bytes(colour: Iterable[float]) -> tuple[int, int, int]:
 def _rgb(colour: str) -> tuple[int, int, int]:
     """A colour "#rrggbb" as bytes."""
     return rgb_bytes(rgb(colour))
-
-
-def _linear(colour: str) -> tuple[int, int, int]:
-    """A colour "#rrggbb" as bytes of linear light, which viser expects for arrows."""
-    return rgb_bytes(linear(rgb(colour)))
-
-
-def _rotation(wxyz: Vector) -> Vector:
-    """Rotation matrix (3, 3) of a quaternion (w, x, y, z)."""
-    return np.asarray(scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
 
 
 def rotation(angles_deg: Vector) -> NDArray[np.float64]:

@@ -98,6 +98,34 @@ def test_escape_cancels_a_stroke(window: Window) -> None:
     window.tools.choose_swatch(chosen, chosen)
 
 
+def test_a_stroke_is_shown_before_it_is_painted_and_in_the_colour_that_follows(window: Window) -> None:
+    tab, session = window.tab, window.page.context.session
+    window.tools.choose_swatch("leather", "leather")
+    tab.keyboard.press("1")
+    window.wait("window.hapscene.state.swatch === 'leather' && window.hapscene.state.brush")
+    x, y = (round(place) for place in window.at(BESIDE))
+
+    def hue() -> np.ndarray:
+        seen = window.pixels()[y - 2 : y + 3, x - 2 : x + 3].mean(axis=(0, 1))
+        return np.asarray(seen / np.linalg.norm(seen))
+
+    bare, step = hue(), session.history.state
+    tab.keyboard.down("Shift")
+    with session.lock:  # nothing can be painted
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        until(lambda: np.linalg.norm(hue() - bare) > 0.1)
+        stamp = hue()
+        assert session.history.state == step
+    tab.mouse.up()
+    tab.keyboard.up("Shift")
+    window.when(lambda: session.history.state != step)
+    window.ask("window.hapscene.stamp.clear()")
+    window.see(BESIDE, "leather")
+    assert np.linalg.norm(hue() - stamp) < 0.03
+    session.undo()
+
+
 def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     page, tab = window.page, window.tab
     scene, chosen = page.context.session.scene, window.tools.chosen

@@ -14,8 +14,6 @@ from trimesh.creation import icosphere
 import hapscene
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import TABS, Page
-from hapscene.paint.web.swatch_panel import _figure_html
-from hapscene.swatches.words import Phrase
 from tests.paint.conftest import library_in, mesh_of
 from tests.until import until
 
@@ -154,12 +152,6 @@ def test_tool_settings_stay_visible_while_the_swatches_scroll(tab: Any) -> None:
     assert size.evaluate(
         "n => { const b = n.getBoundingClientRect(); return n.contains(document.elementFromPoint(b.x + 2, b.y + 2)); }"
     )
-
-
-def test_no_line_break_between_number_and_unit() -> None:
-    text = _figure_html(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
-    assert text == "<span class='dim'>5&nbsp;m/s², 100&nbsp;Hz&nbsp;at&nbsp;0.1&nbsp;m/s</span>"
-    assert _figure_html(Phrase("taps", "taps not measured", "")) == ""
 
 
 def test_unsaved_state_is_marked(tab: Any, page: Page) -> None:

@@ -29,6 +29,13 @@ def phone(window: Window, browser: Any) -> Any:
 def test_swatches_are_above_the_fold_and_nothing_is_cut(phone: Any) -> None:
     edges = "(({ bottom, right }) => [bottom, right])(document.querySelector('.hs-library').getBoundingClientRect())"
     phone.wait_for_function(f"({edges})[0] < innerHeight && ({edges})[1] <= innerWidth && innerWidth === 390")
+    card = "document.querySelector('.hs-pick[aria-pressed=\"true\"]')"
+    for name in ("wood", "glass", "plain"):  # the row scrolls to the selected card
+        phone.evaluate(f"window.hapscene.send({{ do: 'library', act: 'use', name: '{name}' }})")
+        whole = "left >= 0 && right <= innerWidth"
+        phone.wait_for_function(
+            f"(({{ left, right }}) => {card}.dataset.name === '{name}' && {whole})({card}.getBoundingClientRect())"
+        )
     hold = "getComputedStyle(document.querySelector('.hs-hold'), '::before').content"
     assert "Shift" not in phone.evaluate("document.body.innerText") + phone.evaluate(hold)
 

@@ -224,15 +224,6 @@ def test_messages_that_take_long_are_answered_on_the_page_that_sent_them(page: P
     other.close()
 
 
-def test_each_page_has_its_own_theme(page: Page, tab: Tab) -> None:
-    other = Tab(page)
-    other.send("theme", client=other.client, dark=True)
-    other.wait(lambda: other.dark)
-    tab.settle()
-    assert not tab.dark
-    other.close()
-
-
 def test_tuned_swatch_is_saved_under_a_new_name_and_listed(page: Page, tab: Tab, library: Path) -> None:
     tab.choose("paper")
     tab.set("Stiffness [N/m]", 123.0)
@@ -366,10 +357,12 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
 def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: Path, tmp_path: Path) -> None:
     save_swatch(Swatch("gift", 99.0), tmp_path / "gift.swatch")
     gift = (tmp_path / "gift.swatch").read_bytes()
-    drop(page, {"C:\\fun\\gift.swatch": gift})
+    drop(tab, {"C:\\fun\\gift.swatch": gift})
     tab.wait(lambda: tab.tools.chosen == "gift" and "gift" in card_names(tab))
-    drop(page, {"again.swatch": gift})
+    drop(tab, {"again.swatch": gift})
     tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
+    asyncio.run(page._take_swatches([tmp_path / "gift.swatch"], tab.client + 1))  # from a page that was closed
+    assert len(own_entries()) == 2
     for files, pattern in (
         ({"bad.swatch": b"no"}, "bad.swatch"),
         ({"a.exe": b"no"}, r"a\.exe.*\.swatch"),
@@ -377,7 +370,7 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
         ({"huge.swatch": 1 << 40}, "512 MiB"),
         ({"short.swatch": 10}, "interrupted"),
     ):
-        drop(page, files)
+        drop(tab, files)
         tab.wait(lambda pattern=pattern: any(re.search(pattern, said) for said in list(tab.said)))
     assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
 
@@ -390,26 +383,27 @@ def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page
     rng = np.random.default_rng(0)
     noisy, file = rng.integers(0, 100, (600, 400, 3), np.uint8) + np.uint8([155, 0, 0]), io.BytesIO()
     Image.fromarray(noisy).save(file, "PNG")
-    drop(page, {"red grain.png.look": file.getvalue()})
+    drop(tab, {"red grain.png.look": file.getvalue()})
     tab.wait(lambda: any("wood to red grain.png" in said for said in tab.said))
     swatch = page.context.session.scene.swatches[-1]
     assert swatch.look is not None and swatch.look.albedo() is not None
     np.testing.assert_allclose(swatch.albedo_rgb, np.array([204.5, 49.5, 49.5]) / 255, atol=0.01)
     page.context.session.save()
     assert load_scene(page.context.session.path).swatches[-1].look == swatch.look
-    drop(page, {"none.png.look": b"no"})
+    drop(tab, {"none.png.look": b"no"})
     tab.wait(lambda: any("none.png" in said and "red grain" not in said for said in tab.said))
     tab.send("undo")
     tab.wait(lambda: page.context.session.scene.swatches[-1] == before)
 
 
-def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
+def drop(tab: Tab, files: Mapping[str, bytes | int]) -> None:
     """Drop files on the page, as upload.js does. An integer in place of content sends the size but no data."""
-    host = page.url.removeprefix("http://").rstrip("/")
+    host = tab.page.url.removeprefix("http://").rstrip("/")
     origin: Any = f"http://{host.partition('/')[0]}"
     with connect(f"ws://{host}{UPLOAD_PATH}", origin=origin) as wire:
         sizes = {name: content if isinstance(content, int) else len(content) for name, content in files.items()}
-        wire.send(json.dumps({"files": [{"name": name, "size": size} for name, size in sizes.items()]}))
+        listed = [{"name": name, "size": size} for name, size in sizes.items()]
+        wire.send(json.dumps({"client": tab.client, "files": listed}))
         with contextlib.suppress(ConnectionClosed):
             for content in files.values():
                 if isinstance(content, bytes) and content:
@@ -434,16 +428,14 @@ def test_saving_over_a_changed_file_needs_confirmation(page: Page, tab: Tab) -> 
 
 
 def test_second_tab_shows_the_same_state_and_closing_one_loses_nothing(page: Page, tab: Tab) -> None:
-    other = Tab(page)
+    other, tools = Tab(page), tab.tools
     tab.choose("wood")
-    tab.set("Size [mm]", 7.0)
-    other.wait(lambda: other.control("Size [mm]")["value"] == 7.0)
     tab.point("down", TOP)
     tab.point("move", np.add(TOP, (0.004, 0.0, 0.0)))
     tab.settle()
     tab.close()  # with the button held
     other.wait(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
-    assert painted(page, 0, "wood") > 0 and not tab.tools.pressed
+    assert painted(page, 0, "wood") > 0 and not tools.pressed
     third = Tab(page)
     assert third.state["undo"] == other.state["undo"]
     assert {n for n in third.nodes if n.startswith("/body")} or third.wait(lambda: third.nodes)
@@ -504,7 +496,7 @@ def test_a_mesh_without_a_scene_file_is_not_saved_yet(tmp_path: Path) -> None:
     assert not page.kept and not autosave_folder(tmp_path / "new.scene.json").exists()
 
 
-def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab) -> None:
+def test_invalid_messages_change_nothing(page: Page, tab: Tab) -> None:
     before = page.context.session.painting.state
     for raw in ("", "[]", "{", "null", '{"do": 1}', '{"do": {}}', "[" * 9000, "x" * 100_000):
         tab.ours.send(raw)
@@ -515,7 +507,6 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
     tab.send("size", factor="big")
     tab.send("rm -rf")
     tab.settle()
-    assert page.context.socket.refused >= 9
     assert page.context.session.painting.state == before and tab.state["tool"] == "brush"
     tab.set("Size [mm]", 9.0)
     tab.wait(lambda: abs(tab.tools.radius_m - 0.0045) < 1e-9)
