@@ -19,7 +19,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -524,11 +524,11 @@ while time.monotonic() < end_s:
 
 
 @contextmanager
-def saturated_processors() -> Iterator[None]:
-    """Real-time threads that take all processors for 0.9 s; the context has a higher priority."""
+def saturated_processors(cores: Iterable[int] | None = None) -> Iterator[None]:
+    """Real-time threads that take processors, by default all, for 0.9 s; the context has a higher priority."""
     words = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    cores = sorted(os.sched_getaffinity(0))
-    threads: list[Any] = [subprocess.Popen([sys.executable, "-c", SATURATE, str(core)], **words) for core in cores]
+    taken = sorted(os.sched_getaffinity(0) if cores is None else cores)
+    threads: list[Any] = [subprocess.Popen([sys.executable, "-c", SATURATE, str(core)], **words) for core in taken]
     for thread in threads:
         thread.stdout.readline()
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 2))
