@@ -109,9 +109,12 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
         wire.send((None, "compiled code, which the first run makes"))
         handler = OrderHandler(made["scene"], twins, channel, folder, settings)
         wire.send((None, handler.made))
+        watched, ends = True, [] if os.name == "nt" else [life]  # which the end of the watchdog wakes
         while True:
-            while opened and not wire.poll(WATCH_S):
-                handler.check_devices(watched=os.name == "nt" or not ready_among([life], 0.0))
+            while opened and wire not in (ready := ready_among([wire, *ends], WATCH_S)):
+                if life in ready:
+                    watched, ends = False, []
+                handler.check_devices(watched)
             order, arguments = _receive(wire)
             if order == "stop":
                 break
