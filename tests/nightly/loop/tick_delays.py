@@ -3,7 +3,7 @@
 Two loops that run at once share processors in ways that differ from run to run. Taken in turn, over many blocks, both
 meet the same load. Threads have no real-time priority and are not pinned; the emulated device has real-time priority
 if it is permitted, as a real device needs no processor. Run:
-python -m tests.nightly.loop.lateness [BUSY [BLOCKS [DEVICE …]]], with BUSY processes that load the processors.
+python -m tests.nightly.loop.tick_delays [BUSY [BLOCKS [DEVICE …]]], with BUSY processes that load the processors.
 """
 
 import os
