@@ -26,7 +26,7 @@ try:
 except ImportError:  # Windows has none
     PortError = OSError  # type: ignore[misc,assignment]
 
-__all__ = ["SERIAL_MODULES", "SerialLine", "SerialPort", "chosen_port", "discard", "find_ports", "receive", "send"]
+__all__ = ["SERIAL_MODULES", "SerialLine", "SerialPort", "discard", "find_ports", "receive", "send"]
 
 SERIAL_MODULES: Final = ("serial", "serial.tools.list_ports")
 """Modules that a driver of a serial device imports when it is opened (`Driver.imports`)."""

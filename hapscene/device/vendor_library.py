@@ -6,11 +6,15 @@ hapscene does not include these libraries. The user installs them, and may name 
 import ctypes
 from collections.abc import Mapping, Sequence
 from ctypes.util import find_library
-from typing import Any
+from functools import cache
+from typing import Any, Final
 
 from hapscene.errors import DeviceError
 
 __all__ = ["address_of", "load_library"]
+
+_loaded: Final = cache(ctypes.CDLL)
+"""Libraries by name. A device is opened again after each fault, and Python never frees the declarations."""
 
 
 def load_library(
@@ -32,7 +36,7 @@ def load_library(
     for name in [path] if path else names:
         found = path or find_library(name)
         try:
-            library = ctypes.CDLL(found or name)
+            library = _loaded(found or name)
             break
         except OSError as error:
             if found or not str(error).startswith(name):  # found, but damaged or with a missing dependency

@@ -141,9 +141,12 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
 
 def _answer_orders(wire: Pipe, life: Pipe, handler: "OrderHandler") -> None:
     """Answer the orders of the application until "stop", and meanwhile check the devices for errors."""
+    watched, ends = True, [] if os.name == "nt" else [life]  # which the end of the watchdog wakes
     while True:
-        while handler.connections and not wire.poll(WATCH_S):
-            handler.check_devices(watched=os.name == "nt" or not ready_among([life], 0.0))
+        while handler.connections and wire not in (ready := ready_among([wire, *ends], WATCH_S)):
+            if life in ready:
+                watched, ends = False, []
+            handler.check_devices(watched)
         order, arguments = _receive(wire)
         if order == "stop":
             return

@@ -2,6 +2,8 @@
 
 A servo that ends normally closes its devices and reports it. A servo that is killed, or does not tick for too long,
 cannot: the watchdog then kills it, opens each device that holds its last force, and writes zero (`Driver.release`).
+A servo that does not tick because the machine is overloaded goes on afterwards, with a force that ramps up from zero,
+if its devices allow it: they stop by themselves, or the watchdog can write zero while the servo has them open.
 
 It leads a separate POSIX session, so that a signal to the process group of the application does not reach it. It
 requests a higher real-time priority than the servo and imports the drivers at its start, so that it reacts quickly on a
@@ -43,12 +45,12 @@ STILL_S: Final = 0.004
 """Time without a tick after which a servo that was stopped by a signal (SIGSTOP) is killed [s]."""
 
 BUSY_S: Final = 0.2
-"""Time without a tick after which any other servo is killed [s]: 0.1 s occurs on two loaded cores without real-time
-priority."""
+"""Time without a tick after which the force of any other servo is removed [s]: 0.1 s occurs on two loaded cores without
+real-time priority. The servo is killed for it, unless its devices allow it to go on."""
 
 WAITING_S: Final = 1.0
-"""Time without a tick after which a servo that waits for its device is killed [s]. Drivers report a silent device after
-half this time."""
+"""Time without a tick after which a servo is killed that waits for its device, or whose force has been removed [s].
+Drivers report a silent device after half this time."""
 
 ENDING: Final = 0x4 | 0x200 | 0x400
 """Flags of a Linux process that ends: PF_EXITING, PF_DUMPCORE, PF_SIGNALED (include/linux/sched.h)."""
@@ -89,27 +91,34 @@ def watch(
     if hasattr(os, "setsid"):
         os.setsid()
     drivers = [(DRIVERS.load(choice.name), choice) for choice in choices]
-    prepared = []
+    prepared, can_go_on = [], True
     for driver, choice in drivers:
         for module in driver.imports:
             with suppress(ImportError):  # the servo reports what is missing
                 importlib.import_module(module)
+        ends = not driver.force or (driver.release is None and driver.watchdog_s < BUSY_S)
         if driver.prepare_release is not None:
             with suppress(Exception):  # `release` is tried in any case
                 prepared.append(driver.prepare_release(**driver.read_options(choice.options)))
+                ends = True
+        can_go_on = can_go_on and ends
+
+    def send_zeros() -> None:
+        for send_zero in prepared:
+            with suppress(Exception):
+                send_zero()
+
     gc.freeze()
     gc.disable()  # a collection takes milliseconds
     request_realtime_priority(PRIORITY + 1)
     length, block, bodies, tools = shape
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
-    closed = until_needed(life, channel, pid)
+    closed = until_needed(life, channel, pid, send_zeros if can_go_on else None)
     channel.close(unlink=False)
     if closed:
         return
-    for send_zero in prepared:  # at once: to kill a large process and to open a port takes tens of milliseconds
-        with suppress(Exception):
-            send_zero()
+    send_zeros()  # at once: to kill a large process and to open a port takes tens of milliseconds
     with suppress(OSError):
         os.kill(pid, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
     _hasten(pid)
@@ -151,9 +160,18 @@ def _state_of(pid: int) -> str:
     return "stopped" if state in "Tt" else "running"
 
 
-def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CLOCK) -> bool:
-    """Wait until the servo ends or stops ticking; return whether it closed all devices itself."""
-    row, done, still_s, before_s = channel.channel[0], -1, 0.0, clock.now_s()
+def until_needed(
+    life: Connection,
+    channel: Channel,
+    pid: int,
+    send_zeros: Callable[[], object] | None = None,
+    clock: Clock = CLOCK,
+) -> bool:
+    """Wait until the servo ends or stops ticking; return whether it closed all devices itself.
+
+    `send_zeros` removes the force of a servo that may go on; it is called after `BUSY_S` without a tick.
+    """
+    row, done, still_s, before_s, sent = channel.channel[0], -1, 0.0, clock.now_s(), False
     while True:
         try:
             if life.poll(LOOK_S):
@@ -166,7 +184,11 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
         # count only time in which this process ran, so that its own delays do not count
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
         done, before_s = int(row.done), now_s
-        patience_s = WAITING_S if row.waiting else BUSY_S
+        sent = sent and not moved
+        if send_zeros is not None and still_s > BUSY_S and not sent:
+            send_zeros()
+            sent = True
+        patience_s = WAITING_S if row.waiting or send_zeros is not None else BUSY_S
         state = _state_of(pid)
         if still_s > patience_s or state == "ending" or (still_s > STILL_S and state == "stopped"):
             return False

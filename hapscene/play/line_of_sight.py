@@ -28,9 +28,6 @@ beside the scene."""
 FAR_M: Final = 1e6
 """Largest coordinate of the eye [m]."""
 
-FACING: Final = 0.25
-"""Smallest cosine between a touched face and the line of sight [1]: a press slides off faces seen from the side."""
-
 
 class LineOfSight:
     """Casts rays on the faces of a scene that point to the eye; inner faces are seen on two-sided bodies only.
@@ -51,8 +48,8 @@ class LineOfSight:
         above_m = (*(self.low_m + 0.5 * self.size_m)[:2], self.clear_m)
         self.find(above_m, (0.0, 0.0, -1.0))  # builds the search structures before the first touch
 
-    def find(self, eye_m: Vector, direction: Vector) -> tuple[Vector, Vector] | None:
-        """The first surface point on a line from the eye, and the unit vector from it to the eye, in W.
+    def find(self, eye_m: Vector, direction: Vector) -> tuple[Vector, Vector, Vector] | None:
+        """The first surface point on a line from the eye, the unit vector from it to the eye, and the normal, in W.
 
         None if there is no surface, or the line does not point downwards (`STEEPEST`).
         """
@@ -61,16 +58,22 @@ class LineOfSight:
             return None
         eye, d = np.array(eye_m), np.array(direction) / length
         nearest_m = math.inf if self._bodies else -eye[2] / d[2]  # without a scene: the plane z = 0
+        normal = np.array((0.0, 0.0, 1.0))
         for body, caster, bounds_m in self._bodies:
             middle_m = bounds_m.mean(axis=0)
             if np.linalg.norm(np.cross(middle_m - eye, d)) > 0.5 * np.linalg.norm(np.ptp(bounds_m, axis=0)):
                 continue  # a ray costs up to a millisecond
             R_WB, p_WB = body.X_WB[:3, :3], body.X_WB[:3, 3]
             at_B, _, face = caster.intersects_location([(eye - p_WB) @ R_WB], [d @ R_WB], multiple_hits=False)
-            facing = normals_of(body.mesh.vertices_m[body.mesh.faces[face]]) @ (d @ R_WB) < -FACING
-            if len(at_B) and (facing[0] or body.two_sided):
-                nearest_m = min(nearest_m, float((at_B[0] @ R_WB.T + p_WB - eye) @ d))
+            if not len(at_B):
+                continue
+            n, far_m = (
+                R_WB @ normals_of(body.mesh.vertices_m[body.mesh.faces[face]])[0],
+                (R_WB @ at_B[0] + p_WB - eye) @ d,
+            )
+            if far_m < nearest_m and (n @ d < 0.0 or body.two_sided):
+                nearest_m, normal = float(far_m), n if n @ d < 0.0 else -n
         if not 0.0 < nearest_m < math.inf:
             return None
-        x_m, y_m, z_m = (eye + nearest_m * d).tolist()
-        return (x_m, y_m, z_m), (-float(d[0]), -float(d[1]), -float(d[2]))
+        (x_m, y_m, z_m), (x, y, z), (a, b, c) = (eye + nearest_m * d).tolist(), (-d).tolist(), normal.tolist()
+        return (x_m, y_m, z_m), (x, y, z), (a, b, c)

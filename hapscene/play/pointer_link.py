@@ -4,6 +4,7 @@ The driver sends a hello message with a key that it got from the server. From th
 latest target position. A driver that receives no message for `SILENCE_S` lifts its tool.
 """
 
+import math
 import secrets
 import socket
 import struct
@@ -23,8 +24,16 @@ HELLO: Final = struct.Struct("<16sB")
 
 MASK: Final = 2**32 - 1
 
-PLACE: Final = struct.Struct("<I?8d")
+PLACE: Final = struct.Struct("<I?11d")
 """Target message: the fields of a `Place`."""
+
+
+TURN: Final = 0.2
+"""Share by which the pressing direction turns towards the normal with each target [1]: a stroke over small faces would
+otherwise shake the tool."""
+
+EDGE: Final = 0.5
+"""Cosine of the angle to the normal above which the direction takes the normal at once [1], as behind an edge."""
 
 
 class Place(NamedTuple):
@@ -34,9 +43,11 @@ class Place(NamedTuple):
         number: sequence number.
         down: whether the tool touches; otherwise it is held above the scene.
         x_m, y_m, z_m: surface point under the pointer, in W.
-        depth_m: depth below the surface, along the line of sight.
+        depth_m: depth below the surface, against its normal.
         clear_m: height above the whole scene.
         back_x, back_y, back_z: unit vector from the surface point to the eye, upwards.
+        normal_x, normal_y, normal_z: direction against which the tool presses: the normal of the surface. A tool that
+            pressed along the line of sight would slide along a face that is seen from the side, and below its body.
     """
 
     number: int
@@ -49,6 +60,9 @@ class Place(NamedTuple):
     back_x: float = 0.0
     back_y: float = 0.0
     back_z: float = 1.0
+    normal_x: float = 0.0
+    normal_y: float = 0.0
+    normal_z: float = 1.0
 
 
 class PointerLink:
@@ -68,11 +82,14 @@ class PointerLink:
         self._drivers: dict[int, tuple[str, int]] = {}
         self._lock = Lock()
 
-    def press(self, tool: int, place_m: Vector, back: Vector, depth_m: float) -> None:
-        """Set the target of a tool, with the direction from it to the eye, and send it."""
+    def press(self, tool: int, place_m: Vector, back: Vector, normal: Vector, depth_m: float) -> None:
+        """Set the target of a tool, with the direction from it to the eye and the normal there, and send it."""
         with self._lock:
             before = self._places[tool]
-            self._places[tool] = Place(before.number + 1 & MASK, True, *place_m, depth_m, before.clear_m, *back)
+            if before.down:
+                normal = _turned(before[-3:], normal)
+            place = Place(before.number + 1 & MASK, True, *place_m, depth_m, before.clear_m, *back, *normal)
+            self._places[tool] = place
             self._send(tool)
 
     def lift(self, tool: int) -> None:
@@ -109,3 +126,12 @@ class PointerLink:
         if tool in self._drivers:
             with suppress(OSError):  # the driver has ended, or the socket is closed
                 self._socket.sendto(PLACE.pack(*self._places[tool]), self._drivers[tool])
+
+
+def _turned(before: tuple[float, ...], normal: Vector) -> Vector:
+    """A unit vector turned towards a normal by `TURN`, or the normal itself behind an edge."""
+    x, y, z = (a + TURN * (b - a) for a, b in zip(before, normal, strict=True))
+    size = math.hypot(x, y, z)
+    if x * normal[0] + y * normal[1] + z * normal[2] <= EDGE * size:
+        return normal
+    return x / size, y / size, z / size

@@ -18,7 +18,7 @@ from hapscene.compiled.bound_call import BoundCall, loaded
 from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.response_timeout import GONE_S, no_answer
-from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, chosen_port, find_ports
+from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, find_ports
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.records import records
@@ -114,11 +114,10 @@ def release(port: str | None = None, **options: Any) -> None:
 
 
 def prepare_release(port: str | None = None, **options: Any) -> Callable[[], object]:
-    """Open the port a second time for writing; returns a function that sends zero torque."""
+    """Open the port a second time; returns a function that sends zero torque."""
     if os.name != "posix":
         raise DeviceError("haply2diy: a serial port is opened once only on this system")
-    file = os.open(chosen_port("haply2diy", port), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
-    return partial(os.write, file, run_message((0.0, 0.0)))
+    return partial(SerialPort("haply2diy", port, BAUD, alone=False).write, run_message((0.0, 0.0)))
 
 
 DRIVER = Driver(

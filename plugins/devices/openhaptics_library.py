@@ -146,11 +146,14 @@ def initiate(hd: Any, name: str | None) -> int:
 
 
 def wait_until(over: Callable[[], bool], clock: Clock = CLOCK) -> bool:
-    """Wait up to `WAIT_S` for a condition. Returns whether it occurred."""
+    """Wait up to `WAIT_S` for a condition. Returns whether it occurred.
+
+    On a busy machine this thread may not run for longer than that: the condition is looked at once more afterwards.
+    """
     end_s = clock.now_s() + WAIT_S
     while not over():
         if clock.now_s() > end_s:
-            return False
+            return over()
         clock.sleep_s(2e-4)
     return True
 

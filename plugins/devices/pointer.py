@@ -113,8 +113,8 @@ class PointerConnection(Connection):
                 if before is not None and place.number == before.number and place.down == (self._down > 0):
                     continue
                 self._place = place
-                back = (place.back_x, place.back_y, place.back_z)
-                self._goal = [x - place.depth_m * b for x, b in zip(place[2:5], back, strict=True)]
+                normal = (place.normal_x, place.normal_y, place.normal_z)
+                self._goal = [x - place.depth_m * n for x, n in zip(place[2:5], normal, strict=True)]
                 if not place.down:
                     self._down = 0
                 elif self._down == 0:

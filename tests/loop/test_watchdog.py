@@ -49,11 +49,14 @@ class Life:
         return self.clock.now_s() - self.begin_s
 
 
-def watch(lives: Callable[[float], Any], **row: int) -> tuple[bool, float]:
-    """Return the result of the watchdog, and the time until it [s]."""
+def watch(
+    lives: Callable[[float], Any], send_zeros: Callable[[float], object] | None = None, **row: int
+) -> tuple[bool, float]:
+    """Return the result of the watchdog, and the time until it [s]; `send_zeros` is called with the time."""
     clock, shared = VirtualClock(), SimpleNamespace(**({"done": 0, "waiting": 0} | row))
     life = Life(clock, shared, lives)
-    closed = until_needed(life, SimpleNamespace(channel=[shared]), 1, clock)  # type: ignore[arg-type]
+    zeros = None if send_zeros is None else lambda: send_zeros(life.age_s)
+    closed = until_needed(life, SimpleNamespace(channel=[shared]), 1, zeros, clock)  # type: ignore[arg-type]
     return closed, life.age_s
 
 
@@ -65,6 +68,18 @@ def stands_after(moment_s: float) -> Callable[[float], int]:
 def test_stopped_ticks_are_detected(waiting: int, patience_s: float) -> None:
     closed, after_s = watch(stands_after(1.0), waiting=waiting)
     assert not closed and patience_s < after_s - 1.0 <= patience_s + 2.5 * LOOK_S
+
+
+def test_force_of_a_starved_servo_is_removed_and_the_servo_goes_on() -> None:
+    """It does not tick for 0.8 s, twice, then for ever."""
+    times_s: list[float] = []
+
+    def lives(age_s: float) -> int:
+        return 0 if age_s % 2.0 < 0.8 or age_s > 4.0 else round(age_s / TICK_S)
+
+    closed, after_s = watch(lives, times_s.append)
+    assert not closed and after_s == pytest.approx(4.0 + WAITING_S, abs=3.0 * LOOK_S)
+    assert times_s == pytest.approx([start_s + BUSY_S for start_s in (0.0, 2.0, 4.0)], abs=3.0 * LOOK_S)
 
 
 def test_stopped_process_is_detected_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +116,7 @@ def test_time_in_which_the_watchdog_did_not_run_is_ignored() -> None:
         return "closed" if age_s > 65.0 else round(min(age_s, 1.0) / TICK_S) + round(max(age_s - 61.0, 0.0) / TICK_S)
 
     life = Life(clock, row, lives)
-    assert until_needed(life, SimpleNamespace(channel=[row]), 1, clock)  # type: ignore[arg-type]
+    assert until_needed(life, SimpleNamespace(channel=[row]), 1, None, clock)  # type: ignore[arg-type]
 
 
 class Held:

@@ -210,8 +210,12 @@ def test_a_line_of_sight_ends_on_the_first_face_that_points_to_the_eye() -> None
         assert found is not None
         np.testing.assert_allclose(found[0], hit_m, atol=1e-6)
         np.testing.assert_allclose(found[1], back / np.linalg.norm(back), atol=1e-12)
+        np.testing.assert_allclose(found[2], (0.0, 0.0, 1.0), atol=1e-12)
     side = sight.find((-0.2, 0.0, 0.13), (1.0, 0.0, -1.0))  # the left side of the plate at z = −0.01
     assert side is not None and side[0] == pytest.approx((-0.06, 0.0, -0.01), abs=1e-6)
+    assert side[2] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-12)
+    steep = sight.find((-0.065, 0.0, 0.03), (0.1, 0.0, -0.7))
+    assert steep is not None and steep[2] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-12)
     assert sight.find((-0.2, 0.0, -0.01), (1.0, 0.0, 0.0)) is None  # level
     assert sight.find((0.0, 0.0, -0.01), (0.0, 0.0, -1.0)) is None  # an inner face
 

@@ -132,7 +132,7 @@ def test_force_ends_after_each_fault_and_returns(driver: str, tmp_path: Path, mo
             servo.start((0.0, 0.0, 0.0))
             while time.monotonic() < end_s:
                 time_to_zero.press(device)
-                until(is_pressed, 20.0)
+                until(is_pressed)
                 name, at_ns = faults[k % len(faults)], time.monotonic_ns()
                 device.fault(name)
                 time.sleep(random.uniform(0.1, 1.0))

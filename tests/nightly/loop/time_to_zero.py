@@ -19,7 +19,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -98,7 +98,7 @@ class Board:
         self.emulated = Emulated(driver, folder)
         self.emulated.set(ready=1)
         self.options = "backend=usb_wire"
-        self._log, self._rows = self.emulated.log.open(), []
+        self._log, self._part, self._rows = self.emulated.log.open(), "", []
 
     def fault(self, name: str) -> None:
         self.emulated.set(**self.faults[name])
@@ -109,7 +109,8 @@ class Board:
 
     def rows(self) -> list[list[float]]:
         """Time [ns] and components of all commands."""
-        for line in self._log:
+        *lines, self._part = (self._part + self._log.read()).split("\n")  # the last line may be incomplete
+        for line in lines:
             numbers = [float(part) for part in line.split()]
             if numbers[1] != -1:
                 self._rows.append(numbers[:4])
@@ -123,10 +124,13 @@ class Board:
 class Haply2diy(Board):
     axis, front_m, held = 1, -0.035, 0.05
     faults: ClassVar = {
-        name: {"fault": number}
-        for number, name in enumerate(("no answers", "truncated answers", "NaN", "random bytes", "position jumps"), 1)
+        "no answers": {"silent": 1},
+        "truncated answers": {"fault": 1},
+        "NaN": {"fault": 2},
+        "random bytes": {"mangled": 2},
+        "position jumps": {"fault": 3},
     }
-    whole: ClassVar = {"fault": 0}
+    whole: ClassVar = {"fault": 0, "silent": 0, "mangled": 0}
 
     def __init__(self, driver: str, folder: Path) -> None:
         super().__init__(driver, folder)
@@ -175,6 +179,7 @@ class Library(Board):
     """A vendor's library in the process of the servo, with a desk that outlives it."""
 
     def __init__(self, driver: str, folder: Path) -> None:
+        self._rows, self._count = [], 0
         self.name, self._place = {"openhaptics": ("hd", "position"), "forcedimension": ("dhd", "position")}[driver]
         self.desk = Desk(folder / "desk")
         self.environment = {"HAPSCENE_EMULATED_DESK": str(self.desk.path)}
@@ -197,7 +202,10 @@ class Library(Board):
         if self.name == "dhd" and self.desk.count:  # the device's own watchdog
             os.environ.update(self.environment)
             ctypes.CDLL(emulator("dhd")).watch()
-        return [[1e9 * row["t_s"], *np.nan_to_num(row["force"])] for row in self.desk.rows()]
+        new = self.desk.rows(self._count)
+        self._count += len(new)
+        self._rows += np.column_stack([1e9 * new["t_s"], np.nan_to_num(new["force"])]).tolist()
+        return self._rows
 
     def end(self) -> None:
         pass
@@ -287,7 +295,7 @@ class Handle(Board):
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment_with(self.environment)
         )
         said = self.emulated.process.stdout.readline().strip()  # type: ignore[union-attr]
-        self._log, self._rows = (folder / "log").open(), []
+        self._log, self._part, self._rows = (folder / "log").open(), "", []
         t_s = np.arange(0.0, 0.6, 0.001)
         path = np.column_stack([t_s, np.minimum(0.1 * t_s - 0.005, 0.002), 0.1 * t_s - 0.03, np.zeros_like(t_s)])
         np.savetxt(folder / "stroke.csv", path, delimiter=",", header="t,x,y,z", comments="")
@@ -404,8 +412,8 @@ def is_pressed(device: Any) -> bool:
 
 def time_to_zero_ms(device: Any, since_ns: int) -> float:
     """Time from a moment to the first command of zero that no other follows within 0.4 s [ms]; infinite: none yet."""
-    rows, end_ns = device.rows(), since_ns + 400_000_000
-    held = [row[0] for row in rows if any(row[1:]) and since_ns < row[0] < end_ns]
+    rows, end_ns = [row for row in device.rows()[-100_000:] if row[0] > since_ns], since_ns + 400_000_000
+    held = [row[0] for row in rows if any(row[1:]) and row[0] < end_ns]
     zeros = [row[0] for row in rows if not any(row[1:]) and row[0] > max(held, default=since_ns)]
     return float((zeros[0] - since_ns) * 1e-6) if zeros else math.inf
 
@@ -516,11 +524,11 @@ while time.monotonic() < end_s:
 
 
 @contextmanager
-def saturated_processors() -> Iterator[None]:
-    """Real-time threads that take all processors for 0.9 s; the context has a higher priority."""
+def saturated_processors(cores: Iterable[int] | None = None) -> Iterator[None]:
+    """Real-time threads that take processors, by default all, for 0.9 s; the context has a higher priority."""
     words = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    cores = sorted(os.sched_getaffinity(0))
-    threads: list[Any] = [subprocess.Popen([sys.executable, "-c", SATURATE, str(core)], **words) for core in cores]
+    taken = sorted(os.sched_getaffinity(0) if cores is None else cores)
+    threads: list[Any] = [subprocess.Popen([sys.executable, "-c", SATURATE, str(core)], **words) for core in taken]
     for thread in threads:
         thread.stdout.readline()
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 2))

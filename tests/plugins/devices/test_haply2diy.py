@@ -128,3 +128,14 @@ def test_a_port_that_hangs_up_is_an_error_in_the_next_read(wire: tuple[int, Any]
         device.read()
         device.read()
     assert device.state.ready[0] == 0
+
+
+def test_prepared_release_sends_a_complete_message_in_parts(
+    wire: tuple[int, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board, device = wire
+    assert DRIVER.prepare_release is not None
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:3]))  # the port is nearly full
+    DRIVER.prepare_release(port=device._port.name.split()[-1])()
+    assert os.read(board, 100) == run_message((0.0, 0.0))

@@ -46,7 +46,7 @@ def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
 def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         assert walk(pointer, 5)[-1, 2] == CLEAR_M
-        link.press(0, (0.02, -0.01, 0.004), UP, 0.001)
+        link.press(0, (0.02, -0.01, 0.004), UP, UP, 0.001)
         way = walk(pointer, 100)
         sideways = np.abs(np.diff(way[:, :2], axis=0, prepend=0.0)).max(axis=1) > 0.0
         assert (way[sideways, 2] == CLEAR_M).all()  # it meets nothing on its way there
@@ -61,7 +61,7 @@ def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monke
 
 def test_touch_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
-        link.press(0, (0.0, 0.0, 0.0), UP, 0.002)
+        link.press(0, (0.0, 0.0, 0.0), UP, UP, 0.002)
         walk(pointer, 100)
         link.lift(0)
         assert walk(pointer, 1)[0, 2] == CLEAR_M
@@ -69,7 +69,7 @@ def test_touch_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPa
 
 def test_a_repeated_position_is_ignored(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
-        link.press(0, (0.0, 0.0, 0.0), UP, 0.001)
+        link.press(0, (0.0, 0.0, 0.0), UP, UP, 0.001)
         before = walk(pointer, 200)[-1]
         for _ in range(10):
             link.beat()
@@ -82,7 +82,7 @@ def test_a_touch_from_the_side_comes_and_goes_along_the_line_of_sight(
     back, place = np.array([0.6, 0.0, 0.8]), np.array([0.02, -0.01, 0.004])
     with connected(link, monkeypatch) as pointer:
         walk(pointer, 5)
-        link.press(0, tuple(place), tuple(back), 0.001)
+        link.press(0, tuple(place), tuple(back), tuple(back), 0.001)
         way = walk(pointer, 100)
         off = way - place
         assert way[0, 2] == CLEAR_M  # it crosses the scene above everything
@@ -94,13 +94,38 @@ def test_a_touch_from_the_side_comes_and_goes_along_the_line_of_sight(
         assert lifted - place == pytest.approx((CLEAR_M - 0.004) / 0.8 * back, abs=1e-5)
 
 
+def test_a_press_on_a_side_stays_where_it_is_seen(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Along the line of sight it would slide down by 4.9 mm, below a plate of 8 mm that it presses in the middle."""
+    back, side, place = (-0.199, 0.0, 0.98), (-1.0, 0.0, 0.0), (0.02, -0.01, 0.004)
+    with connected(link, monkeypatch) as pointer:
+        walk(pointer, 5)
+        link.press(0, place, back, side, 0.005)
+        way = walk(pointer, 200)
+        assert way[-1] == pytest.approx((0.025, -0.01, 0.004), abs=1e-6)
+        inside = way[:, 0] > 0.02
+        assert inside.any() and np.abs(way[inside, 2] - 0.004).max() < 3e-4  # on the whole way from the surface
+
+
+def test_pressing_direction_follows_the_normal(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Smoothly over small faces that shake by 20°, and at once behind an edge."""
+    with connected(link, monkeypatch) as pointer:
+        walk(pointer, 5)
+        shaking = [(0.342, 0.0, 0.940), (-0.342, 0.0, 0.940)]
+        for k in range(60):
+            link.press(0, (0.0, 0.0, 0.0), UP, shaking[k % 2], 0.002)
+            way = walk(pointer, 8)
+        assert np.ptp(way[:, 0]) < 0.1 * 2 * 0.342 * 0.002 and way[-1, 2] == pytest.approx(-0.002, rel=0.01)
+        link.press(0, (0.0, 0.0, 0.0), UP, (1.0, 0.0, 0.0), 0.002)
+        assert walk(pointer, 200)[-1] == pytest.approx((-0.002, 0.0, 0.0), abs=1e-6)
+
+
 @pytest.mark.parametrize("apart", [16, 4])
 def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.MonkeyPatch, apart: int) -> None:
     """Places that come every 16 or 4 ms along a stroke at 0.1 m/s: its speed does not hum."""
     with connected(link, monkeypatch) as pointer:
         speed_m_s = []
         for k in range(1000 // apart):
-            link.press(0, (1e-4 * apart * k, 0.0, 0.0), UP, 0.001)
+            link.press(0, (1e-4 * apart * k, 0.0, 0.0), UP, UP, 0.001)
             speed_m_s.append(np.diff(walk(pointer, apart)[:, 0], prepend=np.nan) / 1e-3)
         speed = np.concatenate(speed_m_s[-20:])
         speed = speed[np.isfinite(speed)]
@@ -110,14 +135,14 @@ def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.Mon
 def test_lag_behind_a_hand_is_small(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         for k in range(200):
-            link.press(0, (4e-4 * k, 0.0, 0.0), UP, 0.001)
+            link.press(0, (4e-4 * k, 0.0, 0.0), UP, UP, 0.001)
             last = walk(pointer, 4)[-1, 0]
         assert (4e-4 * 199 - last) / 0.1 < 0.022  # [s], at 0.1 m/s
 
 
 def test_touch_ends_with_the_application(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
-        link.press(0, (0.0, 0.0, 0.0), UP, 0.002)
+        link.press(0, (0.0, 0.0, 0.0), UP, UP, 0.002)
         assert walk(pointer, 240)[-1, 2] < 0.0
         link.close()
         assert walk(pointer, 20)[-1, 2] == CLEAR_M
@@ -129,7 +154,7 @@ def test_datagrams_of_others_are_ignored(link: PointerLink, monkeypatch: pytest.
         random = np.random.default_rng(1)
         for _ in range(1000):
             stranger.sendto(random.bytes(int(random.integers(0, 80))), own)
-            stranger.sendto(PLACE.pack(7, True, 0.0, 0.0, 0.0, 0.002, CLEAR_M, *UP), own)
+            stranger.sendto(PLACE.pack(7, True, 0.0, 0.0, 0.0, 0.002, CLEAR_M, *UP, *UP), own)
             assert walk(pointer, 1)[0, 2] == CLEAR_M
             link.beat()
 

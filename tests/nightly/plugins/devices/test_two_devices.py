@@ -43,7 +43,7 @@ def press(desk: Desk) -> None:
     """5 mm into the wall, at the speed of a hand."""
     for x_mm in np.linspace(-5.0, 5.0, 60):
         desk.set(position=(x_mm, 0.0, 0.0))
-        until(lambda count=desk.count: desk.count > count + 10, 10.0)
+        until(lambda count=desk.count: desk.count > count + 10)
 
 
 def test_two_touches_in_one_servo(desk: Desk, wall: hapscene.Scene) -> None:
@@ -54,11 +54,11 @@ def test_two_touches_in_one_servo(desk: Desk, wall: hapscene.Scene) -> None:
         until(lambda: servo.state(tool=1).tick > 3000)
         press(desk)
         for tool in range(2):
-            until(lambda tool=tool: servo.state(tool=tool).touching and pushed_N(desk, tool) < -0.3, 20.0)
+            until(lambda tool=tool: servo.state(tool=tool).touching and pushed_N(desk, tool) < -0.3)
         servo.pause()
         assert pushed_N(desk, 0) == pushed_N(desk, 1) == 0.0
         servo.resume()
-        until(lambda: pushed_N(desk, 0) < -0.3 and pushed_N(desk, 1) < -0.3, 20.0)
+        until(lambda: pushed_N(desk, 0) < -0.3 and pushed_N(desk, 1) < -0.3)
     assert pushed_N(desk, 0) == pushed_N(desk, 1) == 0.0
 
 
@@ -74,15 +74,15 @@ def test_a_touch_beside_a_serial_device(desk: Desk, wall: hapscene.Scene, tmp_pa
             servo.home()
             until(lambda: servo.device_state(tool=0).ready == 1)
             press(desk)
-            until(lambda: pushed_N(desk) < -0.3, 20.0)
-            board.set(fault=1)  # it stops answering: the other device must not keep its force either
-            until(lambda: servo.mode == "error", 20.0)
-            until(lambda: pushed_N(desk) == 0.0, 20.0)
-            board.set(fault=0)
+            until(lambda: pushed_N(desk) < -0.3)
+            board.set(silent=1)  # it stops answering: the other device must not keep its force either
+            until(lambda: servo.mode == "error")
+            until(lambda: pushed_N(desk) == 0.0)
+            board.set(silent=0)
             servo.recover()
             assert servo.mode == "paused"
             servo.home()
             servo.resume()
-            until(lambda: pushed_N(desk) < -0.3 and servo.device_state(tool=0).ready == 1, 20.0)
+            until(lambda: pushed_N(desk) < -0.3 and servo.device_state(tool=0).ready == 1)
     finally:
         board.end()

@@ -60,9 +60,10 @@ class Desk:
         for name, value in values.items():
             self._map[name][0] = value
 
-    def rows(self) -> np.ndarray:
-        """All forces commanded so far, with the times of the emulator's clock."""
-        return np.array(self._map["rows"][0, : int(self.count)])
+    def rows(self, since: int = 0) -> np.ndarray:
+        """Forces commanded from number `since` on, with the times of the emulator's clock; the ring keeps the last."""
+        rows, count = self._map["rows"][0], int(self.count)
+        return np.array(rows[np.arange(max(since, count - len(rows)), count) % len(rows)])
 
 
 @pytest.fixture

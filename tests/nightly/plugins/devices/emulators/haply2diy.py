@@ -1,7 +1,7 @@
 """A 2DIY's board on a pseudo-terminal: it answers each message at once, and holds the last torques.
 
-Run: haply2diy.py LOG. `fault` has it answer wrongly from then on: 1 not at all, 2 with truncated answers, 3 with NaN,
-4 with random bytes, 5 with a position that jumps by centimetres.
+Run: haply2diy.py LOG. `fault` has it answer wrongly from then on: 1 with truncated answers, 2 with NaN, 3 with a
+position that jumps by centimetres.
 """
 
 import math
@@ -24,16 +24,12 @@ class Board(Emulator):
         good = struct.pack("<B2f", name, self.second, self.first)
         match int(self.fault):
             case 1:
-                return b""
-            case 2:
                 return good[:4]
-            case 3:
+            case 2:
                 return struct.pack("<B2f", name, math.nan, math.nan)
-            case 4:
-                return self.random.randbytes(len(good))
-            case 5:
+            case 3:
                 return struct.pack("<B2f", name, self.second - 30.0, self.first + 30.0)
-        return self.mangle(good)
+        return b"" if self.silent else self.mangle(good)
 
     def run(self):
         ours, theirs = os.openpty()

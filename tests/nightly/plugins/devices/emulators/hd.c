@@ -67,8 +67,8 @@ void hdEndFrame(unsigned int device) {
     if (!in_frame[now_at]) push(0x401);
     in_frame[now_at] = 0;
     double *f = force[now_at];
+    desk->rows[desk->count % ROWS].device = now_at; /* before the row counts */
     note(f[0], f[1], f[2], desk->calibration == 0x5000 && enabled[now_at], bad_frame || desk->begin_error != 0);
-    desk->rows[(desk->count - 1) % ROWS].device = now_at;
     bad_frame = 0;
     if (desk->end_error) push(desk->end_error);
 }
