@@ -126,6 +126,7 @@ def bench_peers(
     zoo = _checked(docs, zoo)
     drivers = side_by_side.find_drivers(build)
     cases = case.sphere_cases(case.SUBDIVISIONS[:1] if quick else case.SUBDIVISIONS, 2000 if quick else 10_000)
+    cases += [case.with_ball(one) for one in cases if quick or one.name in ("sphere 20 k", "sphere 1.31 M")]
     if zoo is not None and not quick:
         cases += [one for one in case.zoo_cases(zoo) if "bunny" in one.name]
     out.mkdir(parents=True, exist_ok=True)

@@ -119,4 +119,6 @@ def test_peers_write_table_and_page(tmp_path: Path) -> None:
     bench_peers(build(tmp_path, "hapi_path"), out, True, None, None, (1, 0))
     assert sorted(file.name for file in out.iterdir()) == ["peers.csv", "peers.md"]
     assert Sheet.read(out / "peers.csv").number("hot, sphere 1 k, HAPI", "contact median") == 0.0
+    measured = Sheet.read(out / "peers.csv").cases("hot, sphere 1 k ball 2 mm")
+    assert measured == [f"hot, sphere 1 k ball 2 mm, {OURS}"]  # HAPI's tool is a point
     assert "| HAPI / hapscene's contact |" in (out / "peers.md").read_text(encoding="utf-8")
