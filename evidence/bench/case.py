@@ -1,7 +1,7 @@
 """Cases of the benchmark: spheres of five sizes with a generated path, and meshes and paths of the zoo if present."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -41,13 +41,18 @@ TILT: Final = 0.3
 """Rotation of the great circle of the slide per revolution [1], so that no track is touched twice."""
 
 
+BALL_M: Final = 0.002
+"""Radius of the tip in the cases with a ball [m]."""
+
+
 @dataclass(frozen=True)
 class Case:
-    """A mesh and a path over it."""
+    """A mesh, and a path over it of a tip with a radius [m], 0 for a point."""
 
     name: str
     mesh: Mesh
     p_WT_m: Array
+    tip_radius_m: float = 0.0
 
     def scene(self, swatch: Swatch | None = None) -> Scene:
         """Return a scene of the mesh."""
@@ -109,6 +114,13 @@ def sphere_cases(subdivisions: tuple[int, ...], tick_count: int) -> list[Case]:
     """Return the sphere cases."""
     path = slide_path(tick_count)
     return [Case(f"sphere {short(20 * 4**k)}", sphere(k), path) for k in subdivisions]
+
+
+def with_ball(case: Case) -> Case:
+    """Return a sphere case with a ball of `BALL_M`, at the depths of the point."""
+    distance_m = np.linalg.norm(case.p_WT_m, axis=1, keepdims=True)
+    path = np.ascontiguousarray(case.p_WT_m * (1.0 + BALL_M / distance_m))
+    return replace(case, name=f"{case.name} ball {1e3 * BALL_M:g} mm", p_WT_m=path, tip_radius_m=BALL_M)
 
 
 def short(count: int) -> str:

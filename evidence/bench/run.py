@@ -179,5 +179,7 @@ def _say(text: str) -> None:
 
 
 if __name__ == "__main__":  # python -m hapscene_evidence.bench.run BUILD DOCS
+    spheres = case.sphere_cases(case.SUBDIVISIONS, 10_000)
+    balls = [case.with_ball(one) for one in spheres if one.name in ("sphere 20 k", "sphere 1.31 M")]
     bunny = [one for one in case.zoo_cases() if "bunny" in one.name]
-    bench_peers(Path(sys.argv[1]), Path(sys.argv[2]), case.sphere_cases(case.SUBDIVISIONS, 10_000) + bunny, (5, 3))
+    bench_peers(Path(sys.argv[1]), Path(sys.argv[2]), spheres + balls + bunny, (5, 3))

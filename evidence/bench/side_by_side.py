@@ -28,6 +28,9 @@ PROGRAMS: Final = (  # name, program, options
     ("HAPI", "hapi_path", ()),
 )
 
+POINTS: Final = ("HAPI",)
+"""Renderers whose tool is a point; they are left out of cases with a ball."""
+
 COLD_TICKS: Final = 500
 """Ticks that are timed with cold caches, from the middle of the path [count]."""
 
@@ -77,16 +80,14 @@ def measure(drivers: Drivers, cases: list[Case], rounds: int, cold_rounds: int, 
     """
     sheet = Sheet()
     describe_machine(sheet)
-    load = [f"{os.getloadavg()[0]:.2f}"] if hasattr(os, "getloadavg") else []
     sheet.add("method", "hot rounds", rounds, "1")
     sheet.add("method", "cold rounds", cold_rounds, "1")
-    names = list(drivers)
     with tempfile.TemporaryDirectory() as work:
         found: dict[str, list[dict[str, float]]] = {}
         for kind, r in [*(("hot", r) for r in range(rounds)), *(("cold", r) for r in range(cold_rounds))]:
             for case in cases:
                 say(f"{kind} round {r + 1}: {case.name}")
-                turns = {}
+                turns, names = {}, [name for name in drivers if case.tip_radius_m == 0.0 or name not in POINTS]
                 for name in names[r % len(names) :] + names[: r % len(names)]:
                     turns[name] = _turn(drivers, name, case, Path(work), kind == "cold")
                 for name in names:
@@ -98,8 +99,6 @@ def measure(drivers: Drivers, cases: list[Case], rounds: int, cold_rounds: int, 
             if name.startswith("over "):
                 sheet.add(key, f"{name}, least", min(values), "times")
                 sheet.add(key, f"{name}, greatest", max(values), "times")
-    if load:
-        sheet.add("machine", "load before and after", f"{load[0]} and {os.getloadavg()[0]:.2f}")
     return sheet
 
 
@@ -114,7 +113,7 @@ def _turn(drivers: Drivers, name: str, case: Case, work: Path, cold: bool) -> Tu
     out.unlink(missing_ok=True)
     how = ("--cold-first", str(first), "--flush-mb", str(FLUSH_MB)) if cold else ("--repeats", str(REPEATS))
     before, after = drivers[name]
-    command = [*before, str(mesh), str(path), str(out), *after, *how]
+    command = [*before, str(mesh), str(path), str(out), *after, *how, "--radius", str(case.tip_radius_m)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     built = re.search(r"^build_ms ([0-9.]+)", done.stdout, re.MULTILINE)
     columns = path_driver.COLUMNS + (name == OURS)

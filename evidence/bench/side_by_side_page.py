@@ -68,10 +68,13 @@ def _add_aims(page: Page, sheet: Sheet) -> None:
 
 def _add_table(page: Page, sheet: Sheet, kind: str) -> None:
     """Add the times of every renderer on every case."""
-    keys = [case.split(", ")[1:] for case in sheet.cases(f"{kind}, ")]
+    measured = sheet.cases(f"{kind}, ")
+    keys = [case.split(", ")[1:] for case in measured]
     cases, names = (list(dict.fromkeys(found)) for found in zip(*keys, strict=True))
 
     def pair(case: str, name: str, what: str) -> str:
+        if f"{kind}, {case}, {name}" not in measured:
+            return "–"
         return " / ".join(shown(sheet.number(f"{kind}, {case}, {name}", f"{what} {q}")) for q in ("median", "p99"))
 
     page.text(f"{kind.capitalize()}, median / p99 [µs]:")

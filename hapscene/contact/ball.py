@@ -18,7 +18,9 @@ Both sides of a face are solid. No skin is needed, since the centre is never clo
 """
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import PASS_MAX
@@ -26,7 +28,7 @@ from hapscene.contact.face_tree import LEAF_MAX, way_from_cylinder
 from hapscene.contact.inside import close_left_punctures
 from hapscene.contact.planes import drop_idle, nearest
 from hapscene.contact.proxy import carried_position, list_bodies
-from hapscene.contact.triangle import closest_point, corners, to_body, to_body_last, turn_to_world
+from hapscene.contact.triangle import closest_point, corners, edge_past, to_body, to_body_last, turn_to_world
 from hapscene.contact.world import FRONT_MAX
 from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
@@ -57,6 +59,9 @@ SEARCH_MAX: Final = 256
 
 NO_FACE: Final = -1
 FULL: Final = -2
+
+EDGES_MAX: Final = 4
+"""Most edges that are crossed to find the face below the ball [count]."""
 
 FAILED: Final = 0
 FOUND: Final = 1
@@ -365,11 +370,17 @@ def _renew_planes(world: "World", c: Vector, start_W: Vector) -> bool:
     proxy, ball = world.proxy[0], world.ball[0]
     change_m = 0.0
     for k in range(proxy.count):
-        i = proxy.met[k]
+        # an edge does not hold a tool that is deeper than the radius below it: the next face does
+        i = _entry_below(world, proxy.met[k], c) if proxy.push_m[k] > proxy.radius_m else proxy.met[k]
         above, above_start = _put_plane(world, i, c, start_W, False)
-        if above_start < min(above, 0.0) - SLACK * proxy.radius_m:
+        behind_m = -SLACK * proxy.radius_m
+        if i != proxy.met[k] and (above < 0.0 or above_start < behind_m):  # a concave edge holds with both faces
+            ball.stamp[i], i = -1, proxy.met[k]
+            above, above_start = _put_plane(world, i, c, start_W, False)
+        if above_start < min(above, 0.0) + behind_m:
             ball.stamp[i] = -1
             continue
+        proxy.met[k], proxy.face[k] = i, -1 - ball.node[i]
         turn2 = 0.0
         for j in range(3):
             turn2 += (ball.plane[j, i] - proxy.nhat_W[k, j]) ** 2
@@ -377,6 +388,37 @@ def _renew_planes(world: "World", c: Vector, start_W: Vector) -> bool:
         proxy.offset_m[k] = ball.plane[3, i]
         change_m = max(change_m, above + math.sqrt(turn2) * proxy.push_m[k])
     return bool(change_m > SETTLED_M)
+
+
+@native
+def _entry_below(world: "World", i: int, c_W: Vector) -> int:
+    """Return the entry of the face below `c_W`, found from the face of entry `i` across convex edges; `i` if none is.
+
+    Where the centre is past an edge, the plane of the edge is tilted by the distance to the edge over the radius, which
+    is more than the next face. A small ball that is pushed deep would go far beyond that face, and come back.
+    """
+    ball, body = world.ball[0], world.bodies[world.ball[0].body[i]]
+    first: Any = -1 - ball.node[i]
+    face, c = first, to_body(body, c_W)
+    for _ in range(EDGES_MAX):
+        u, v, w = corners(world, body, face)
+        edge = edge_past(u, v, w, c, 0.0)
+        if edge < 0:
+            break
+        face = np.int64(world.beyond[body.mesh_row + face, edge])
+        if face < 0:
+            return i
+    else:
+        return i
+    if face == first:
+        return i
+    for k in range(ball.count):
+        if ball.node[k] == -1 - face and ball.body[k] == ball.body[i]:
+            return k
+    if ball.count == FRONT_MAX:
+        return i
+    _append(world, ball.body[i], -1 - face)
+    return int(ball.count - 1)
 
 
 @native

@@ -162,14 +162,13 @@ def test_two_clients_press_one_crate() -> None:
     one.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1), True)])
     one.order("start", p=[-0.03, 0.0, 0.0])
     x = v = received = 0.0
-    hands_N_s, step_N = np.zeros(2), 0.0
+    hands_N_s, steps_N = np.zeros(2), np.zeros(150)
     for k in range(150):
         since = servo.state().tick + 1
         servo.advance(16 + (k % 3 > 0))
         pushes_N = [servo.read(since, tool=tool).rows["f_body_W_N"][:, 0] for tool in (0, 1)]
-        if k <= 100:
-            felt_N = [servo.read(since - 1, tool=tool).rows["f_W_N"] for tool in (0, 1)]
-            step_N = max(step_N, *(float(np.abs(np.diff(f_N, axis=0)).max()) for f_N in felt_N))
+        felt_N = [servo.read(since - 1, tool=tool).rows["f_W_N"] for tool in (0, 1)]
+        steps_N[k] = max(float(np.abs(np.diff(f_N, axis=0)).max()) for f_N in felt_N)
         hands_N_s += [push.sum() * servo.tick_s for push in pushes_N]
         one.poll()
         total = one.impulse("crate")[0]
@@ -181,14 +180,15 @@ def test_two_clients_press_one_crate() -> None:
             assert hands_N_s[0] > 1e-3 and hands_N_s[1] == 0.0  # it is not started, and touches nothing
             other.order("start", p=[x + 0.03, 0.0, 0.0])
         if k < 100:
-            other.frame(aim=(x + 0.02, 0, 0))
+            other.frame(aim=(x + max(0.02, 0.03 - 0.0004 * (k - 20)), 0, 0))
         if k == 100:
-            assert other.poll() and other.state["force"][0] > 0.1  # type: ignore[index]
+            assert other.poll() and other.state["force"][0] > 0.05  # type: ignore[index]
             other.close()
             one.order("counts")  # is executed after the tool is withdrawn
             left_N_s = hands_N_s[1]
     assert min(abs(hands_N_s)) > 0.1 and hands_N_s[1] == left_N_s
-    assert step_N < 0.12  # predicted between frames for both hands; the most is where the second one meets wood
+    # with frames of 1 ms, a hand that meets wood at 0.12 m/s feels the same 0.1 N; then the crate comes to rest
+    assert steps_N[:101].max() < 0.1 and steps_N[60:101].max() < 0.01
     assert received == pytest.approx(hands_N_s.sum(), abs=1e-9) and MASS_KG * v == pytest.approx(received, abs=1e-9)
     with pytest.raises(ConnectionError, match="tool 2: expected an integer from 0 to 1"):
         Client(here, tool=2)

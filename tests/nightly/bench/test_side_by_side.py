@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HapsceneError
-from hapscene_evidence.bench.case import RADIUS_M, sphere_cases
+from hapscene_evidence.bench.case import RADIUS_M, sphere_cases, with_ball
 from hapscene_evidence.bench.run import bench_peers
 from hapscene_evidence.bench.sheet import Sheet
 from hapscene_evidence.bench.side_by_side import OURS, Turn, beside, find_drivers, measure
@@ -118,6 +118,10 @@ def test_missing_programs_are_reported(tmp_path: Path) -> None:
 
 def test_peers_write_table_and_page(tmp_path: Path) -> None:
     shutil.copytree(RESULTS / "bench", tmp_path / "bench")
-    bench_peers(build(tmp_path, "hapi_path"), tmp_path, sphere_cases((3,), 600), (1, 0))
-    assert Sheet.read(tmp_path / "bench" / "peers.csv").number("hot, sphere 1 k, HAPI", "contact median") == 0.0
+    (point,) = sphere_cases((3,), 600)
+    bench_peers(build(tmp_path, "hapi_path"), tmp_path, [point, with_ball(point)], (1, 0))
+    sheet = Sheet.read(tmp_path / "bench" / "peers.csv")
+    assert sheet.number("hot, sphere 1 k, HAPI", "contact median") == 0.0
+    measured = sheet.cases("hot, sphere 1 k ball 2 mm")
+    assert measured == [f"hot, sphere 1 k ball 2 mm, {OURS}"]  # HAPI's tool is a point
     assert "| HAPI / hapscene's contact |" in (tmp_path / "benchmark.md").read_text(encoding="utf-8")
