@@ -2,8 +2,8 @@
 
 import gc
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from threading import Thread
@@ -40,21 +40,9 @@ def paint(
       hapscene paint bunny.ply --unit m --swatch wood
     """
     with ExitStack() as ends:
-        with rare_collections():
-            shown = _open_page(scene, more, accept_changed, mesh, no_hand, page, ends)
+        shown = _open_page(scene, more, accept_changed, mesh, no_hand, page, ends)
         gc.freeze()  # loaded objects live until the end: the collector can skip them
         _paint_until_ended(shown)
-
-
-@contextmanager
-def rare_collections() -> Iterator[None]:
-    """Collect garbage less often: while modules are imported and a scene is loaded, it takes a fifth of the time."""
-    usual = gc.get_threshold()
-    gc.set_threshold(100_000, 50, 100)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)
 
 
 def _open_page(

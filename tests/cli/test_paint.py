@@ -1,6 +1,5 @@
 """`hapscene paint`."""
 
-import gc
 import json
 import stat
 import sys
@@ -14,7 +13,7 @@ import trimesh
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.cli import main
-from hapscene.cli.paint import lead_browser, rare_collections
+from hapscene.cli.paint import lead_browser
 from hapscene.errors import SceneError
 from hapscene.paint.model.document import describe_scene_file
 from hapscene.paint.opening import DEMO, _copy_demo, earlier_scenes, open_session
@@ -52,14 +51,6 @@ def test_the_browser_is_opened_with_a_private_file(folder: Path, monkeypatch: py
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
         assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
     assert not opener.parent.exists() and led.empty()
-
-
-def test_garbage_collection_is_rare_while_loading() -> None:
-    usual = gc.get_threshold()
-    with pytest.raises(SceneError), rare_collections():
-        assert gc.get_threshold() > usual
-        raise SceneError("it cannot be loaded")
-    assert gc.get_threshold() == usual
 
 
 def test_default_is_a_copy_of_the_demo(folder: Path) -> None:
