@@ -75,6 +75,15 @@ function onOpen() {
   if (lost) say("Connection restored.");
   lost = false;
   for (const n of [...busy.keys()]) onDone(n);
+  introduced = -1;
+  introduce();
+}
+let introduced = -1;  // number under which the server knows this page
+function introduce() {  // when the socket is open and viser has numbered this page: the server answers with the state
+  if (client() === introduced || client() < 0) return;
+  introduced = client();
+  history.replaceState(null, "", "/");  // hides the token from the address bar
+  if (themed.dark) setTheme(); else send({ do: "hello" });
 }
 function onMessage(message) {
   if (message.state) { state = message.state; show(); }
@@ -386,13 +395,6 @@ function start() {
   const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
   link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
   localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see server.py
-  let known = -1;
-  function introduce() {  // when viser has numbered this page: the server answers with the state
-    if (client() === known || client() < 0) return;
-    known = client();
-    history.replaceState(null, "", "/");  // hides the token from the address bar
-    if (themed.dark) setTheme(); else send({ do: "hello" });
-  }
   new ResizeObserver(fit).observe(document.body);
   let due = false;
   new MutationObserver(() => {
