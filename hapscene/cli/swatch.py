@@ -200,7 +200,7 @@ def import_files(
 def compare(surfaces: Annotated[list[str], Help("Swatch names or .swatch files")], /) -> None:
     """Compare surfaces perceptually: two side by side, or the first with each of several.
 
-    A single surface is compared with the shipped swatches and those of your library.
+    A single surface is compared with all shipped swatches and your library.
     Differences are in just-noticeable differences (JND).
 
     examples:

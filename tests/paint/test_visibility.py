@@ -66,7 +66,7 @@ def test_a_sheet_close_behind_another_of_the_same_body_is_not_painted() -> None:
     session.end_stroke()
     body = scene.bodies[0]
     assert body.fine is not None
-    wood = np.concatenate([np.flatnonzero(body.face_swatch == 1), body.fine.faces[body.fine.paint == 1]])
+    wood = np.concatenate([np.flatnonzero(body.face_swatch == 1), body.fine.face[parts(body.fine.paint)[0] == 1]])
     assert len(wood) > 4 and (body.mesh.triangles_m.mean(axis=1)[wood, 2] > 3e-4).all()
 
 
