@@ -10,7 +10,7 @@ from cyclopts.validators import Number
 from hapscene.cli.console import print_files, print_lines, print_progress
 from hapscene.cli.inputs import check_scene, find_asset, load_input, loading, print_size_advice
 from hapscene.cli.options import Dark, Help, InFile, MeshOptions, OutFile, Positive, ReadOptions
-from hapscene.cli.paths import SCENES, base_name, check_there, new_file
+from hapscene.cli.paths import SCENES, base_name, new_file
 from hapscene.errors import MeshError, SaveConflict, SceneError, ViewError
 
 if TYPE_CHECKING:
@@ -90,13 +90,16 @@ def check(
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
     """
+    files = [find_asset(name, read) for name in meshes]
+    for path, options in files:
+        check_scene(path, options)
     from hapscene.io.files import check_file
     from hapscene.scene.mesh_doctor import repair
     from hapscene.scene.ply import save_mesh
 
     if fix is not None:
         check_file(fix, MeshError)
-    found = [mesh for name in meshes for mesh in _meshes_of(name, read)]
+    found = [mesh for path, options in files for mesh in _meshes_of(path, options)]
     if fix is not None and len(found) != 1:
         raise MeshError(f"--fix repairs a single mesh; got {len(found)}")
     sound = list[bool]()
@@ -113,17 +116,14 @@ def check(
     return 0
 
 
-def _meshes_of(name: str, read: ReadOptions) -> "list[Mesh]":
+def _meshes_of(path: str, read: ReadOptions) -> "list[Mesh]":
     """Load a mesh, or the meshes of a scene."""
-    path, read = find_asset(name, read)
-    check_there(path)
     from hapscene.scene.mesh_file import load_mesh
     from hapscene.scene.scene import load_scene
     from hapscene.touch import step
 
     if path.endswith(SCENES):
         return list({id(body.mesh): body.mesh for body in load_scene(path).bodies}.values())
-    check_scene(path, read)
     with step(print_progress, loading(path)):
         return [load_mesh(path, read.unit, **read.reading())]
 
