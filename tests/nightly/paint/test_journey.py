@@ -200,7 +200,8 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         picture = top.picture()
         way = np.array([top.colour(np.add(SOFT, (x, 0)), picture) for x in np.linspace(0, RADIUS_MM, 9)], float)
         share = (way - way[-1]) @ (way[0] - way[-1]) / np.square(way[0] - way[-1]).sum()
-        assert (np.diff(share) < 0).all() and len(np.unique(share.round(2))) >= 8  # two places may be on one piece
+        assert (np.diff(share) < 0.02).all()  # the grain changes the shade a little
+        assert len(np.unique(share.round(2))) >= 8  # two places may be on one piece
         keep(page, "6-soft")
 
         tab.locator('.hs-play[data-name="leather"]').click()

@@ -2,7 +2,6 @@
 
 import contextlib
 import http.client
-import json
 import os
 import re
 import socket
@@ -171,11 +170,9 @@ def test_invalid_frame_closes_only_its_connection(painter: Painter, opened: Any,
         other.recv(timeout=PATIENCE_S)
 
 
-def test_after_all_that_it_saves_and_has_said_little(painter: Painter) -> None:
+def test_after_all_that_it_serves_its_page_and_has_said_little(painter: Painter) -> None:
     assert painter.slow.recv(1) == b""  # it waited long enough
-    with painter.open() as wire:
-        wire.send(json.dumps({"do": "save"}))
-        until(lambda: (painter.folder / "cube.scene.json").exists())
+    assert painter.ask(f"/{painter.token}/")[0] == 200
     painter.process.terminate()
     assert painter.process.wait(PATIENCE_S) == 0
     complained = (painter.folder / "complained").read_text()
