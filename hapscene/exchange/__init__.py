@@ -1,4 +1,4 @@
-"""Export of painted scenes to GLB, PLY, OBJ and HTML, and import from these files.
+"""Export of painted scenes to GLB, PLY, OBJ and HTML, and import from GLB and mesh files.
 
 ```python
 import hapscene

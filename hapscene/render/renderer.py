@@ -366,7 +366,7 @@ class Renderer:
             found = [str(clip) for clip in fit.clips(index) if clip.reported]
             for effect in self._contact_effects:
                 known = [param.name for param in effect.params]
-                # `hapscene.fidelity` sets update_ticks, which only the table of lpc_texture reads
+                # update_ticks is no parameter of the tick: the table of lpc_texture has it
                 for name in sorted({*swatch.effects.get(effect.name, ())} - {*known, "update_ticks"}):
                     wrong = no_such("parameter", name, known)
                     found.append(f"swatch {swatch.name!r}: effect {effect.name!r} has {wrong}")

@@ -11,7 +11,6 @@ from hapscene.surface.swatch import Swatch
 from hapscene_plugins.effects.puncture import EFFECT
 
 BREAKS = {"puncture_force_N": 1.0, "drag_N": 0.3, "drag_stiffness_N_m": 400.0, "shaft_stiffness_N_m": 100.0}
-AT = np.array([0.0, 0.0])
 EFFECTS = ["wall", EFFECT]
 
 

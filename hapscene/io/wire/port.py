@@ -16,7 +16,7 @@ BAUD: Final = 921_600
 """Default baud rate [bit/s]: the highest that all common USB bridges support; enough for one column at 5 kHz."""
 
 POLL_S: Final = 0.05
-"""Maximum time for a read [s]: half the period of the level meter."""
+"""Maximum time for a read [s], after which a stop is noticed."""
 
 LUMP_S: Final = 2e-3
 """Time to collect bytes after the first one [s]. Without it every byte would wake the thread; the 4 kB buffer of Linux

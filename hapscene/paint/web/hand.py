@@ -76,7 +76,6 @@ class HandConfig:
         device: a name of `HAND_DEVICES`.
         grip: firmness of the grip, a name of `GRIP_NAMES`.
         compensator: compensator of the handle, a name of `COMPENSATOR_HINTS`.
-        tip_radius_m: radius of the tip of the tool; 0 for a point.
 
     Raises:
         HapsceneError: a name is unknown.
@@ -85,7 +84,6 @@ class HandConfig:
     device: str = "omni"
     grip: str = DEFAULT_GRIP
     compensator: str = "adaptive"
-    tip_radius_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.device == "ideal":
@@ -119,9 +117,8 @@ def make_servo(scene: Scene, config: HandConfig, progress: Callable[[str], None]
     handle: dict[str, Any] = {}
     if config.compensator != NO_HANDLE:
         handle = {"handle": Plant(), "compensator": config.compensator}
-    model = HAND_DEVICES[config.device].model
-    limits, tip_m = limits_of(config.limits, TICK_S), config.tip_radius_m
-    return servo(scene, model, limits=limits, tip_radius_m=tip_m, progress=progress, **handle)
+    model, limits = HAND_DEVICES[config.device].model, limits_of(config.limits, TICK_S)
+    return servo(scene, model, limits=limits, progress=progress, **handle)
 
 
 HOVER_M: Final = 0.002
@@ -267,7 +264,7 @@ class TouchHand:
             return False
         self.touching, self._limit_reported, self._deeper_m = True, False, 0.0
         if not self._starting:
-            self._starting, self._from_W_m = True, p_W_m + (self.config.tip_radius_m + HOVER_M) * nhat_W
+            self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
             self._start_task(self._come_down(self._servo, self._from_W_m))
         self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
         return True
@@ -286,9 +283,8 @@ class TouchHand:
         """Move the touch to a point of the surface; shows a message if it is outside the workspace."""
         if not self.touching:
             return
-        center_W_m = p_W_m + self.config.tip_radius_m * nhat_W
-        if self.config.reaches(self._from_W_m, center_W_m):
-            self._contact = Contact(center_W_m, nhat_W, force_N, stiffness_N_m)
+        if self.config.reaches(self._from_W_m, p_W_m):
+            self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
             self._aim()
         elif not self._limit_reported:
             self._limit_reported = True

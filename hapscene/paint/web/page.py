@@ -73,7 +73,6 @@ class Page:
         host: address to listen at; any but loopback is open to the network.
         port: port; if it is in use, a free one near it; 0 for any.
         with_hand: start the simulated hand.
-        hand: configuration of the hand; None for the device of the session.
         server: server that is open already; it is closed with the page.
         ask_upright: ask whether new meshes whose files state no vertical axis are upright.
 
@@ -94,7 +93,6 @@ class Page:
         host: str = HOST,
         port: int = PORT,
         with_hand: bool = True,
-        hand: HandConfig | None = None,
         server: PageServer | None = None,
         ask_upright: bool = False,
     ) -> None:
@@ -106,12 +104,12 @@ class Page:
         self._served = server or PageServer(host, port)
         self._ends.callback(self._served.close)
         try:
-            self._begin(session, hand or HandConfig(session.tuning.device), ask_upright)
+            self._begin(session, ask_upright)
         except BaseException:
             self.close()
             raise
 
-    def _begin(self, session: Session, hand: HandConfig, ask_upright: bool) -> None:
+    def _begin(self, session: Session, ask_upright: bool) -> None:
         session.document.start_autosave()
         self._ends.callback(self._keep, session)
         self._ends.callback(self._served.close)
@@ -122,7 +120,7 @@ class Page:
         uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
         uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
-        self._touch = TouchHand(self._socket.say, hand)
+        self._touch = TouchHand(self._socket.say, HandConfig(session.tuning.device))
         self._ends.callback(self._touch.close)
         self._page_shown = asyncio.Event()
         self.clients: dict[int, ClientPanels] = {}

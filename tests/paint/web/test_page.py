@@ -591,8 +591,8 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
     monkeypatch.chdir(tmp_path)
     make_scene(tmp_path).save(tmp_path / "made.scene.json")
     session = Session.open(tmp_path / "made.scene.json")
-    page = Page(session, port=0, with_hand=False, hand=HandConfig("phantom-1.0", "light", "flat"))
-    assert session.tuning.device == "phantom-1.0"
+    session.tuning.choose_device("phantom-1.0")
+    page = Page(session, port=0, with_hand=False)
     monkeypatch.setattr(page.context.touch, "open", opened)
     page.context.touch.status = "ready"
     with page:
@@ -603,7 +603,7 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
         assert [tab.control(label)["value"] for label in ("Device", "Grip", "Handle")] == [
             "phantom-1.0",
             "light",
-            "flat",
+            "adaptive",
         ]
         tab.set("Handle", "no-handle")
         tab.wait(lambda: made == [HandConfig("phantom-1.0", "light", "no-handle")])
