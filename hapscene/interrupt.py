@@ -2,16 +2,29 @@
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-__all__ = ["ENDS", "interrupt_noted", "interrupted_by_ends"]
+__all__ = [
+    "AGAIN_S",
+    "ENDS",
+    "clear_interrupt",
+    "interrupt_noted",
+    "interrupted_by_ends",
+    "reraise_swallowed_interrupt",
+]
 
 ENDS: Final = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that are handled like Ctrl-C; Windows has no SIGHUP."""
+
+AGAIN_S: Final = 0.01
+"""Period of the check whether an interrupt was swallowed [s]."""
+
+IMPORTER: Final = "<frozen importlib._bootstrap>"
 
 _TERMINALS: Final = tuple(number for number in (1, 2) if os.isatty(number))
 
@@ -24,6 +37,9 @@ def interrupted_by_ends() -> Iterator[None]:
 
     Further signals of `ENDS` have no effect, so that they do not disturb the cleanup: `timeout` sends two. An ignored
     signal remains ignored (`nohup`). Outside the main thread the context has no effect.
+
+    Some modules, such as scipy, networkx and trimesh, swallow an interrupt while they are imported ("except:" around
+    optional imports). The interrupt is therefore raised again until `clear_interrupt` is called.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -35,10 +51,72 @@ def interrupted_by_ends() -> Iterator[None]:
             if each != signal.SIGINT:
                 signal.signal(each, _pass)
         _leave_terminals()
-        raise KeyboardInterrupt(kind)
+        if not _watch(kind) or _is_safe(frame):
+            raise KeyboardInterrupt(kind)
 
     with _handled(dict.fromkeys(kinds, interrupt)):
+        try:
+            yield
+        finally:
+            clear_interrupt()
+
+
+@contextmanager
+def reraise_swallowed_interrupt() -> Iterator[None]:
+    """Context that replaces errors by KeyboardInterrupt after an interrupt was swallowed, then clears the interrupt.
+
+    Such an error is a consequence of the interrupt, for example a partially imported module.
+    """
+    try:
         yield
+    except Exception:
+        if _watched is None:
+            raise
+        raise KeyboardInterrupt(_watched) from None
+    finally:
+        clear_interrupt()
+
+
+_watched: int | None = None
+"""Signal whose interrupt is raised again if it is swallowed; None if it does not exist."""
+
+
+def clear_interrupt() -> None:
+    """Stop raising the interrupt again. Call this in the except clause that handles the interrupt."""
+    global _watched
+    if _watched is not None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        _watched = None
+
+
+def _watch(kind: int) -> bool:
+    """Start to raise an interrupt again until it is cleared; False for a second interrupt, and on Windows."""
+    global _watched
+    if not hasattr(signal, "setitimer") or signal.getsignal(signal.SIGALRM) != signal.SIG_DFL:
+        return False
+
+    def again(alarm: int, frame: FrameType | None) -> None:
+        if _is_safe(frame) and not _is_propagating():
+            raise KeyboardInterrupt(kind)
+
+    signal.signal(signal.SIGALRM, again)
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+    _watched = kind
+    return True
+
+
+def _is_safe(frame: FrameType | None) -> bool:
+    """Return whether an interrupt may be raised in a frame. The importer must not be interrupted."""
+    return frame is None or frame.f_code.co_filename != IMPORTER
+
+
+def _is_propagating() -> bool:
+    """Whether an interrupt is being propagated, through `finally` clauses and context exits."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene import __version__
 from hapscene.cli.console import print_error, print_note, ready_streams
 from hapscene.errors import HapsceneError
-from hapscene.interrupt import interrupted_by_ends
+from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
 
 if TYPE_CHECKING:
     from cyclopts import App, CycloptsError
@@ -74,7 +74,8 @@ def _guarded(tokens: list[str], debug: bool) -> int:
     """Run a command; print its error as one line, and return the exit code."""
     ready_streams()
     try:
-        return _run(tokens)
+        with reraise_swallowed_interrupt():
+            return _run(tokens)
     except KeyboardInterrupt as interrupt:
         if debug:
             raise

@@ -13,6 +13,7 @@ from hapscene.cli.console import format_size, print_error, print_lines, print_no
 from hapscene.cli.options import AsJson, Help, InFiles, InPaths, OutFolder
 from hapscene.cli.paths import check_swatch
 from hapscene.errors import SwatchError
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.capture.report.compare import Comparison, Difference
@@ -186,6 +187,7 @@ def import_files(
     try:
         broken = import_many(files, str(out), lambda line: print_progress(f"{line}\n"))
     except KeyboardInterrupt:
+        clear_interrupt()
         print_error("interrupted; the swatches in the list above are complete")
         return 130
     for line in broken:

@@ -6,12 +6,14 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from hapscene.cli import main
-from hapscene.interrupt import ENDS, interrupt_noted, interrupted_by_ends
+from hapscene.interrupt import AGAIN_S, ENDS, clear_interrupt, interrupt_noted, interrupted_by_ends
 
 pty = pytest.importorskip("pty", reason="this platform has no pseudo-terminals")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
@@ -115,6 +117,65 @@ def test_terminated_command_leaves_no_unfinished_folder(tmp_path: Path) -> None:
         assert process.wait(120.0) == 128 + signal.SIGTERM
         assert process.stderr.read() == "hapscene: interrupted; nothing was written\n"
     assert list(tmp_path.iterdir()) == []
+
+
+SWALLOWER = """
+import os, signal, sys
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    while True:
+        pass
+except BaseException as error:
+    trouble = error  # as trimesh keeps it
+TEXT
+"""
+
+
+@pytest.mark.timeout(300, method="thread")  # the test uses SIGALRM
+@pytest.mark.parametrize(
+    "text", ["while True: pass", "raise ImportError('half of it is missing')", "exec('raise error')"]
+)
+def test_interrupt_that_an_import_catches_is_raised_again(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "swallower.py").write_text(SWALLOWER.replace("TEXT", text))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "swallower", raising=False)
+    before = signal.getsignal(signal.SIGALRM)
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", lambda *a, **k: __import__("swallower"))
+    (tmp_path / "any.glb").touch()
+    assert main(["check", str(tmp_path / "any.glb")]) == 130
+    assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
+    assert signal.getsignal(signal.SIGALRM) == before and signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_interrupt_is_not_raised_again_during_cleanup() -> None:
+    order = []
+
+    @contextmanager
+    def kept() -> Iterator[None]:
+        try:
+            yield
+        finally:
+            time.sleep(5 * AGAIN_S)
+            order.append("an exit")
+
+    with interrupted_by_ends():
+        try:
+            with kept():
+                try:
+                    os.kill(os.getpid(), signal.SIGINT)
+                    signal.pause()
+                finally:
+                    try:
+                        raise OSError
+                    except OSError:
+                        time.sleep(5 * AGAIN_S)
+                        order.append("an except clause")
+        except KeyboardInterrupt:
+            clear_interrupt()
+        time.sleep(5 * AGAIN_S)
+    assert order == ["an except clause", "an exit"]
 
 
 def test_ctrl_c_during_start_prints_one_line(tmp_path: Path) -> None:
