@@ -13,6 +13,7 @@ from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
 from hapscene.cli.options import Help, MeshOptions, PageOptions
 from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX, UNITLESS
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.paint.web.page import Page
@@ -97,7 +98,7 @@ def _paint_until_ended(page: "Page") -> None:
                     print_progress(f"{problem}\n" if problem else "")
                     shown = problem
         except KeyboardInterrupt:
-            pass
+            clear_interrupt()
     session = page.context.session
     if page.kept:
         print_progress(
