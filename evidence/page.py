@@ -37,10 +37,10 @@ class Page:
         self.title = title
         self._parts: list[Part] = []
 
-    def heading(self, text: str, level: int = 2, key: str = "") -> None:
+    def heading(self, text: str, key: str = "") -> None:
         """Add a heading; `key` is its anchor in HTML."""
         anchor = f' id="{escape(key)}"' if key else ""
-        self._add(f"{'#' * level} {text}\n", f"<h{level}{anchor}>{escape(text)}</h{level}>")
+        self._add(f"## {text}\n", f"<h2{anchor}>{escape(text)}</h2>")
 
     def text(self, text: str, strong: bool = False) -> None:
         """Add a paragraph."""

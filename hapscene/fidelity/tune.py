@@ -146,7 +146,7 @@ def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: flo
     for _ in range(BISECTIONS if bad <= HALVINGS else 0):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if error(middle) <= most_jnd else (good, middle)
-    return Evaluation(sorted(tried, reverse=True), "" if tried else "all faces are at borders of the painting, or the painting is finer")
+    return Evaluation(sorted(tried, reverse=True), "" if tried else "its painting is as fine as its faces or finer")
 
 
 def evaluate_swatch(swatch: Swatch, device: str, most_jnd: float) -> Evaluation:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
-from hapscene.errors import HapsceneError, MeshError
+from hapscene.errors import MeshError
 
 __all__ = ["FolderResources"]
 
@@ -19,7 +19,6 @@ class FolderResources:
     Args:
         path: the mesh file. If it is a symbolic link, the folder of its target is searched before that of the link.
         most_B: maximum total size of the files [bytes].
-        error: exception class to raise.
 
     Attributes:
         folders: folders that are searched.
@@ -27,8 +26,8 @@ class FolderResources:
         missing: names that were not found.
     """
 
-    def __init__(self, path: Path, most_B: int, error: type[HapsceneError] = MeshError) -> None:
-        self._path, self._left_B, self._error = path, most_B, error
+    def __init__(self, path: Path, most_B: int) -> None:
+        self._path, self._left_B = path, most_B
         self.folders = list(dict.fromkeys((path.resolve().parent, path.parent.resolve())))
         self.found: list[Path] = []
         self.missing: list[str] = []
@@ -37,20 +36,20 @@ class FolderResources:
         """Read a file by its name, a relative path or URI.
 
         Raises:
-            `error`: the file is not found, too large, or cannot be read.
+            MeshError: the file is not found, too large, or cannot be read.
         """
         file = self._find(name)
         if file is None:
             self.missing.append(name)
-            raise self._error(_missing(self._path, name))
+            raise MeshError(_missing(self._path, name))
         try:
             self._left_B -= file.stat().st_size
             if self._left_B < 0:
-                raise self._error(f"{self._path}: too large: its file {file.name} exceeds the limit")
+                raise MeshError(f"{self._path}: too large: its file {file.name} exceeds the limit")
             self.found.append(file)
             return file.read_bytes()
         except OSError as error:
-            raise self._error(f"{file}: cannot be read: {error.strerror}") from None
+            raise MeshError(f"{file}: cannot be read: {error.strerror}") from None
 
     __getitem__ = get
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hapscene.errors import MeshError, SceneError
+from hapscene.errors import MeshError
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.resource_resolver import FolderResources
 
@@ -36,8 +36,8 @@ def test_file_in_the_folder_is_found(part: Path, name: str) -> None:
 def test_file_elsewhere_raises(part: Path, name: str) -> None:
     if hasattr(os, "symlink"):
         (part.parent / "link.bin").symlink_to("../secret.bin")
-    with pytest.raises(SceneError, match="part") as error:
-        FolderResources(part, 100, SceneError).get(name)
+    with pytest.raises(MeshError, match="part") as error:
+        FolderResources(part, 100).get(name)
     assert len(str(error.value)) < len(str(part)) + 300
     with pytest.raises(MeshError):
         FolderResources(part, 100).get(str(part.parent.parent / "secret.bin"))

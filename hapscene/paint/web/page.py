@@ -70,10 +70,9 @@ class Page:
 
     Args:
         session: the session, which must have a path.
-        host: address to listen at; any but loopback is open to the network.
-        port: port; if it is in use, a free one near it; 0 for any.
+        port: port at this computer; if it is in use, a free one near it; 0 for any.
         with_hand: start the simulated hand.
-        server: server that is open already; it is closed with the page.
+        server: server that is open already, instead of one at `port`; it is closed with the page.
         ask_upright: ask whether new meshes whose files state no vertical axis are upright.
 
     Attributes:
@@ -90,7 +89,6 @@ class Page:
     def __init__(
         self,
         session: Session,
-        host: str = HOST,
         port: int = PORT,
         with_hand: bool = True,
         server: PageServer | None = None,
@@ -101,7 +99,7 @@ class Page:
         self._with_hand = with_hand
         self.kept = False
         self._ends = ExitStack()
-        self._served = server or PageServer(host, port)
+        self._served = server or PageServer(HOST, port)
         self._ends.callback(self._served.close)
         try:
             self._begin(session, ask_upright)
