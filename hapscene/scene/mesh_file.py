@@ -211,7 +211,9 @@ def _open(path: Path) -> tuple[str, bytes, FolderResources]:
     """Return suffix and content of a mesh file or of the mesh in an archive, and the resolver of files beside it."""
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
-        raise MeshError(f"{path}: unsupported format {path.suffix!r}; expected .scene.json or one of: {', '.join(FORMATS)}")
+        raise MeshError(
+            f"{path}: unsupported format {path.suffix!r}; expected .scene.json or one of: {', '.join(FORMATS)}"
+        )
     with refusing(MeshError):
         content = read_bytes(path, FILE_MAX_B, "mesh file")
     if not content:
