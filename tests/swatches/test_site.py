@@ -106,7 +106,7 @@ def test_files_of_a_swatch(site: Path) -> None:
         text = page.read_text(encoding="utf-8")
         assert text.count("<svg") == 2 and f'src="{stem}.wav"' in text and f'href="{stem}.swatch"' in text
         assert f'src="{stem}-touch.html"' in text and (site / f"{stem}-touch.html").stat().st_size > 100_000
-        assert sum(file.stat().st_size for file in site.glob(f"{stem}*")) < 350_000
+        assert sum(file.stat().st_size for file in site.glob(f"{stem}*")) < 450_000
     assert NO_LICENCE in (site / "index_2.html").read_text(encoding="utf-8")
     assert (site / "index.html").read_text(encoding="utf-8").count(NO_LICENCE) == 1
 

@@ -115,7 +115,7 @@ class ToolPanel:
                 choice.value = now
 
     def _listen(self) -> None:
-        callback, tools = self._context.callback, self._context.tools
+        callback, tools, view = self._context.callback, self._context.tools, self._context.view
 
         def choose(attribute: str, choices: tuple[Any, ...], target: Any) -> None:
             if target.value in choices:
@@ -123,7 +123,7 @@ class ToolPanel:
 
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
-        self._layers.on_update(callback(lambda target: self._context.view.show_layers(target.value)))
+        self._layers.on_update(callback(lambda target: target.value in SHOWS and view.show_layers(target.value)))
         self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
         self._fill.on_update(callback(partial(choose, "fill", FILLS)))
 
