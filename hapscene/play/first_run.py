@@ -91,10 +91,10 @@ def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None]
 
 
 def _plate() -> Scene:
-    """A scene with a plate far below, so that there is no contact."""
+    """A scene with a plate below any workspace, so that there is no contact."""
     scene = Scene()
     pose = np.eye(4)
-    pose[2, 3] = -10.0
+    pose[2, 3] = -1.0
     scene.add(Mesh.from_trimesh(trimesh.creation.box((0.3, 0.3, 0.02)), "m"), name="plate", pose=pose)
     return scene
 

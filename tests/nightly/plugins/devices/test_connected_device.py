@@ -51,3 +51,4 @@ def test_first_run_passes(choice: DeviceChoice, request: pytest.FixtureRequest, 
     if asked:  # another program that came between is not a test's fault
         assert code == 0, "".join(lines)
     assert any("ok: commanded 0.3 N" in line for line in lines), "".join(lines)
+    assert not any("far from all bodies" in line for line in lines), "".join(lines)
