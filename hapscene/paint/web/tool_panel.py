@@ -121,9 +121,13 @@ class ToolPanel:
             if target.value in choices:
                 setattr(tools, attribute, target.value)
 
+        def show_layers(target: Any) -> None:
+            if target.value in SHOWS:
+                view.show_layers(target.value)
+
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
-        self._layers.on_update(callback(lambda target: target.value in SHOWS and view.show_layers(target.value)))
+        self._layers.on_update(callback(show_layers))
         self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
         self._fill.on_update(callback(partial(choose, "fill", FILLS)))
 
