@@ -116,7 +116,7 @@ function place(event) {
 }
 const onCanvas = (event) => { const c = canvas(); return c && (event.target === c || c.parentElement.contains(event.target)); };
 const consume = (event) => { event.stopImmediatePropagation(); event.preventDefault(); };
-function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); stamp.add(pressed.place, state.brush); } }
+function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); stamp.add(pressed.place, state); } }
 window.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !onCanvas(event) || event.ctrlKey || event.metaKey) return;
   if (pressed && event.pointerId !== pressed.id) { consume(event); release("cancel"); return; }  // a second finger
@@ -133,7 +133,7 @@ function press(event) {
   sound.wake();
   pressed = { id: event.pointerId, place: place(event) };
   send({ do: "down", ...pressed.place });
-  stamp.add(pressed.place, state.brush, true);
+  stamp.add(pressed.place, state, true);
 }
 function draw(event) {
   pressed.place = place(event);

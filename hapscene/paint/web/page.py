@@ -312,11 +312,10 @@ class Page:
         if panels is None:
             return {}
         session, tools = self.context.session, panels.context.tools
-        colour = panels.swatches.colour_of(tools.chosen)
         return {
             "tool": tools.name,
             "swatch": tools.chosen,
-            "colour": colour,
+            "colour": panels.swatches.colour_of(tools.chosen),
             "undo": session.painting.undo_text,
             "redo": session.painting.redo_text,
             "dirty": session.dirty,
@@ -325,7 +324,7 @@ class Page:
             "status": self._monitor.status,
             "outline": tuple(tools.outline.corners),
             "grain": self.context.view.grain,
-            "brush": tools.stamp(colour),
+            "brush": tools.stamp(),
             "hand": self.context.touch.status,
         }
 

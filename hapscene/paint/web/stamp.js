@@ -49,8 +49,8 @@ export function newStamp() {
   const stamp = {
     enabled: true,
     uniforms: (body) => ({ stampPoint: points, stampColour: colour, stampRadius: radius, stampCount: count(body) }),
-    // Adds a point; `brush` has the radius [m], colour and opacity, or is null for tools without a stamp.
-    add(place, brush, begins) {
+    // Adds a point, with the state of the page; its `brush`, radius [m] and opacity, is null for tools without a stamp.
+    add(place, { brush, colour: chosen }, begins) {
       const hit = brush && stamp.enabled ? pick(place) : null;
       clearTimeout(timer);
       if (!hit) { stamp.lifted = true; return; }
@@ -62,7 +62,7 @@ export function newStamp() {
       points.value.set([...hit.p_m, joined ? 1 : 0], 4 * (n.value - 1));
       points.value[3] = 0;
       const material = bodyMeshes().next().value[0].material;
-      colour.value = [...material.color.clone().set(brush.colour), brush.opacity];
+      colour.value = [...material.color.clone().set(chosen), brush.opacity];
       radius.value = brush.radius_m;
       window.__viserMutable.requestRender();
     },

@@ -159,12 +159,12 @@ class Tools:
         if pressed and self._session.history.state != self._before:
             self._say(f"Cancelled: {self._session.undo()}.")
 
-    def stamp(self, colour: str) -> dict[str, Any] | None:
-        """What the page shows of the brush until the painted faces arrive; None for other tools."""
+    def stamp(self) -> dict[str, float] | None:
+        """Size and opacity of what the page shows until the painted faces arrive; None for tools without a brush."""
         if self.name != "brush" or self._view.show == "look":
             return None
         opacity = self.opacity * (OPACITY if self._view.show == "both" and self._view.has_look else 1.0)
-        return {"radius_m": (1 - self.falloff / 2) * self.radius_m, "opacity": opacity, "colour": colour}
+        return {"radius_m": (1 - self.falloff / 2) * self.radius_m, "opacity": opacity}
 
     @property
     def stroking(self) -> bool:
