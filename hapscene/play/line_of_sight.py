@@ -67,10 +67,8 @@ class LineOfSight:
             at_B, _, face = caster.intersects_location([(eye - p_WB) @ R_WB], [d @ R_WB], multiple_hits=False)
             if not len(at_B):
                 continue
-            n, far_m = (
-                R_WB @ normals_of(body.mesh.vertices_m[body.mesh.faces[face]])[0],
-                (R_WB @ at_B[0] + p_WB - eye) @ d,
-            )
+            n = R_WB @ normals_of(body.mesh.vertices_m[body.mesh.faces[face]])[0]
+            far_m = (R_WB @ at_B[0] + p_WB - eye) @ d
             if far_m < nearest_m and (n @ d < 0.0 or body.two_sided):
                 nearest_m, normal = float(far_m), n if n @ d < 0.0 else -n
         if not 0.0 < nearest_m < math.inf:
