@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from hapscene.cli.console import format_size, print_progress
 from hapscene.cli.options import MeshOptions, ReadOptions
 from hapscene.cli.paths import SCENES, check_there, missing
-from hapscene.constants import UNITLESS
+from hapscene.constants import is_unitless
 from hapscene.errors import MeshError, SceneError
 
 if TYPE_CHECKING:
@@ -27,16 +27,15 @@ def check_scene(path: str, options: ReadOptions | None = None) -> None:
         HapsceneError: the file is missing, has no unit, or an option names an unknown unit or swatch.
     """
     check_there(path)
-    suffix = Path(path).suffix.lower().lstrip(".")
     unit = None if options is None else options.unit
     if unit is not None:
         if unit not in UNITS:
             from hapscene.scene.mesh import unit_name
 
             unit_name(unit)
-    elif suffix in UNITLESS:
+    elif is_unitless(path):
         raise MeshError(
-            f"{path}: {suffix.upper()} files do not store a unit of length; add one, as in --unit mm "
+            f"{path}: {Path(path).suffix[1:].upper()} files do not store a unit of length; add one, as in --unit mm "
             f"(one of {', '.join(UNITS)})"
         )
     swatch = getattr(options, "swatch", None)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
 from hapscene.cli.options import Help, MeshOptions, PageOptions
-from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX, UNITLESS
+from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX, is_unitless
 from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def _open_page(
     ends: ExitStack,
 ) -> "Page":
     """Serve the page of a scene until `ends` is closed. The browser fetches the page while the scene is loaded."""
-    is_file = scene is not None and Path(scene).suffix.lower()[1:] in UNITLESS  # assets and scenes are upright
+    is_file = scene is not None and is_unitless(scene)  # assets and scenes are upright
     if scene is not None and (scene != "demo" or Path(scene).exists()):
         scene, mesh = find_asset(scene, mesh)
     else:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene import assets
-from hapscene.constants import UNITLESS
+from hapscene.constants import is_unitless
 from hapscene.paint.model.session import Session
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, unpacked_beside
@@ -43,7 +43,7 @@ def open_session(
     """
 
     def opened(path: str) -> Scene:
-        own = {} if not more or Path(path).suffix.lower()[1:] in UNITLESS else {"unit": None}
+        own = {} if not more or is_unitless(path) else {"unit": None}
         return open_scene(path, **(reading | own))
 
     if name is None:

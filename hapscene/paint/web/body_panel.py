@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import UNITLESS
+from hapscene.constants import is_unitless
 from hapscene.errors import HapsceneError, MeshError, SceneError
 from hapscene.paint.model.composing import numbered
 from hapscene.paint.web.context import PageContext, aria, escape_html, set_html
@@ -201,7 +201,7 @@ class BodyPanel:
             view.display.prepare([body.mesh for body in scene.bodies])
             return scene
 
-        if _is_unitless(file):
+        if is_unitless(file):
             raw = await loop.run_in_executor(None, load_mesh, file, "m")
             unit = await self._ask_unit(file.name, raw)
         scene = await loop.run_in_executor(None, load)
@@ -216,7 +216,7 @@ class BodyPanel:
 
     def ask_upright(self, bodies: Sequence[Body]) -> None:
         """Ask whether bodies from files that state no vertical axis are upright; all turns are one undo step."""
-        asked = [body.name for body in bodies if body.mesh.path is not None and _is_unitless(body.mesh.path)]
+        asked = [body.name for body in bodies if body.mesh.path is not None and is_unitless(body.mesh.path)]
         self._composing.begin_move()
         for name in reversed(asked if len(asked) <= ASK_MAX else []):
             self._context.ask(
@@ -349,10 +349,6 @@ class BodyPanel:
             _button("handles", "Handles", name, self._handles, "Show arrows and rings that move and rotate the body"),
         ]
         return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
-
-
-def _is_unitless(file: Path) -> bool:
-    return file.suffix.lower()[1:] in UNITLESS
 
 
 def _button(act: str, text: str, name: str, pressed: bool | None, title: str, value: str = "") -> str:
