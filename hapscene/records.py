@@ -126,10 +126,10 @@ def records(count: int, dtype: np.dtype[Any]) -> Records:
 class Owning(bytearray):
     """Memory of arrays that contain addresses; keeps the objects at those addresses alive."""
 
-    owned: Any
+    owned: Sequence[object]
 
 
-def pack_small_arrays(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
+def pack_small_arrays(arrays: Sequence[Any], owned: Sequence[object] = ()) -> list[Any]:
     """Copy the small arrays into one block of memory, so that a tick accesses few memory pages; returns all arrays.
 
     `owned` is kept alive as long as any of the copied arrays.

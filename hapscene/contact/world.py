@@ -320,7 +320,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
     """
     shapes = shapes_of(bodies, crease_rad)
     forest = shapes.forest if tip_radius_m > 0.0 else Forest(None)
-    rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
+    rows, balls = _owning_records(len(bodies), BODY, [shapes]), np.zeros((len(bodies), 4))
     _fill_bodies(rows, balls, bodies, shapes, (0, 0))
     _fill_trees(rows, bodies, forest, (0, 0))
     proxy = records(1, PROXY)
@@ -342,7 +342,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
         tree=forest.tree,
         tree_face=forest.tree_face,
     )
-    near = pack_small_arrays([getattr(world, name) for name in HOT], shapes)
+    near = pack_small_arrays([getattr(world, name) for name in HOT], [shapes])
     return world._replace(**dict(zip(HOT, near, strict=True)))
 
 
@@ -449,7 +449,7 @@ class Extension:
         corners_m = self._corners_m
         if world.corners_m is not self._before:  # room for shapes of a deforming body was added meanwhile
             corners_m = self._extended(world.corners_m)
-        rows, balls = _owning_records(count, BODY, (world.bodies, self._shapes)), np.zeros((count, 4))
+        rows, balls = _owning_records(count, BODY, [*_owned_by(world.bodies), self._shapes]), np.zeros((count, 4))
         rows[:before], balls[:before] = world.bodies, world.ball_W_m
         for row in rows[:before]:
             if row.face_count > 0:  # deforming bodies may have taken new shapes since the constructor
@@ -502,8 +502,16 @@ def _size_of(mesh: "Mesh") -> float:
     return float(np.linalg.norm([np.ptp(column) for column in mesh.vertices_m.T]))
 
 
-def _owning_records(count: int, dtype: np.dtype[np.void], owned: object) -> Any:
+def _owning_records(count: int, dtype: np.dtype[np.void], owned: "Sequence[object]") -> Any:
     """Return `records` that keep `owned` alive as long as a view of them exists."""
     memory = Owning(count * dtype.itemsize)
     memory.owned = owned
     return np.frombuffer(memory, dtype).view(np.recarray)
+
+
+def _owned_by(rows: Any) -> "Sequence[object]":
+    """Return what records keep alive, without the records themselves: a table that replaces them needs only this."""
+    while isinstance(rows, np.ndarray):
+        rows = rows.base
+    owned: Sequence[object] = getattr(rows, "obj", rows).owned  # NumPy refers to the memory by a memoryview
+    return owned

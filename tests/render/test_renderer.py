@@ -1,6 +1,8 @@
 """The renderer: run and step, reset, poses, limits, and invalid arguments."""
 
+import gc
 import warnings
+import weakref
 
 import numpy as np
 import pytest
@@ -374,6 +376,22 @@ def test_added_bodies_share_search_structures():
             first.repaint(built)
         built.bodies.pop()
     first.repaint(built)
+
+
+def test_table_of_bodies_is_freed_when_another_replaces_it():
+    built = scene()
+    renderer = hapscene.Renderer(built, ["wall"])
+    tables = []
+    for number in range(3):
+        built.add(trimesh.creation.icosphere(1, radius=0.05), name=f"ball {number}", unit="m", pose=translation([1, 0, 0]))
+        renderer.repaint(built)
+        tables.append(weakref.ref(renderer.world.bodies))
+    gc.collect()
+    assert [table() is None for table in tables] == [True, True, False]
+    for at_m, depth_m in (((0.0, 0.0, -0.001), 0.001), ((1.0, 0.0, 0.048), 0.002)):  # search structures are kept
+        renderer.reset((at_m[0], 0.0, 0.06))
+        path = np.linspace([at_m[0], 0.0, 0.06], at_m, 100)
+        assert renderer.run(path).depth_m[-1] == pytest.approx(depth_m, abs=5e-4)
 
 
 def test_force_of_a_removed_body_fades_out():
