@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.point import PointMass
@@ -46,6 +47,25 @@ def test_limit_of_rest_of_each_device() -> None:
 @pytest.mark.nightly
 def test_largest_wall_damping() -> None:
     assert [largest_beta(delay) for delay in range(4)] == pytest.approx(LARGEST_BETA, rel=2e-4)
+
+
+@pytest.mark.parametrize("wall_share", [0.0, 0.4])
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("ratio", [1e-3, 0.3, 5.0])
+def test_limit_of_small_motion_against_roots(ratio: float, delay: int, wall_share: float) -> None:
+    """Against the plant sampled by SciPy and the roots of the polynomial; at a ratio bT/m of 5, a root leaves at -1."""
+    mass, tick = 0.05, 1e-3
+    damping, wall = ratio * mass / tick, wall_share * mass / tick * (1.0 if delay == 0 else 0.5)
+    held, poles, _ = signal.cont2discrete(([1.0], [mass, damping, 0.0]), tick)
+    free = np.polymul(poles, [1.0] + [0.0] * (delay + 1))
+
+    def largest_root(stiffness: float) -> float:
+        wall_law = [stiffness + wall / tick, -wall / tick]
+        return float(np.abs(np.roots(np.polyadd(free, np.polymul(held[0], wall_law)))).max())
+
+    limit = closed_form.limit_of_small_motion(mass, damping, tick, delay, wall)
+    assert limit > 0.0
+    assert [largest_root(share * limit) < 1.0 for share in (0.01, 0.5, 0.999, 1.001)] == [True, True, True, False]
 
 
 @pytest.mark.nightly
