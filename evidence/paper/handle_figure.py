@@ -17,9 +17,8 @@ from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.fit import Identification, identify
 from hapscene.handle.force_source import SCATTER, SimulatedSource, simulated_grips
 from hapscene.handle.identification_report import modelled
-from hapscene.handle.measure import Sweep
+from hapscene.handle.measure import Response, Sweep, estimate_response
 from hapscene.handle.plant import Plant
-from hapscene.handle.response import Response, estimate_response
 from hapscene.view.palette import INK, OKABE_ITO
 
 from .result import SETTING, Array, FigureResult, Number, Plot, drawn

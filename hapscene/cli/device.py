@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import print_error, print_files, print_in_place, print_lines, print_progress
+from hapscene.cli.inputs import base_name
 from hapscene.cli.options import (
     Help,
     InFile,
@@ -24,7 +25,6 @@ from hapscene.cli.options import (
     RecordingOptions,
     Seed,
 )
-from hapscene.cli.paths import base_name
 from hapscene.errors import DeviceError, HandleError
 from hapscene.io.wire.port import BAUD
 
@@ -329,9 +329,10 @@ def play_file(
     from hapscene.dsp.spectrogram import spectrogram_error
     from hapscene.handle.compensator import find_compensator
     from hapscene.handle.handle_file import load_handle
+    from hapscene.handle.handle_loop import play
     from hapscene.handle.plant import Plant, Sensor
-    from hapscene.handle.playback import play, write_wave
     from hapscene.io.files import refusing, whole_folder
+    from hapscene.view.sound import write_wave
 
     compensator = compensator or "adaptive"
     find_compensator(compensator)

@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from hapscene.cli.console import print_files, print_lines, print_note, print_progress, table
-from hapscene.cli.inputs import check_scene, find_asset, load_input, print_size_advice
+from hapscene.cli.inputs import base_name, check_scene, find_asset, load_input, new_file, print_size_advice
 from hapscene.cli.options import (
     Counts,
     Help,
@@ -24,7 +24,6 @@ from hapscene.cli.options import (
     Table,
     WorkerOptions,
 )
-from hapscene.cli.paths import base_name, new_file
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError, SaveConflict
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.paths import check_out_folder, check_swatch, check_there
+from hapscene.cli.inputs import check_out_folder, check_swatch, check_there
 from hapscene.errors import DeviceError, HapsceneError, no_such
 
 if TYPE_CHECKING:

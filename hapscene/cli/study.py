@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from cyclopts import App
 
 from hapscene.cli.console import print_files, print_lines, print_progress
+from hapscene.cli.inputs import base_name
 from hapscene.cli.options import (
     Help,
     InFile,
@@ -17,14 +18,13 @@ from hapscene.cli.options import (
     OutputOptions,
     PageOptions,
 )
-from hapscene.cli.paths import base_name
 from hapscene.errors import StudyError
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
     from hapscene.study.plan import Plan
-    from hapscene.study.playing import OutputPlayer
     from hapscene.study.session import Session
+    from hapscene.study.stimulus import OutputPlayer
 
 __all__ = ["study"]
 
@@ -119,8 +119,7 @@ def _next_participant(folder: Path) -> str:
 def _player(plan: "Plan", options: OutputOptions) -> "OutputPlayer":
     """Open the output of a plan, and return its player."""
     from hapscene.handle.live_process import open_output
-    from hapscene.study.playing import handle_player, headphone_player
-    from hapscene.study.stimulus import StimulusMaker, all_stimuli
+    from hapscene.study.stimulus import StimulusMaker, all_stimuli, handle_player, headphone_player
     from hapscene.touch import step
 
     maker, stimuli = StimulusMaker(plan.folder), all_stimuli(plan)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import format_size, print_error, print_lines, print_note, print_progress, table
+from hapscene.cli.inputs import check_swatch
 from hapscene.cli.options import AsJson, Help, InFiles, InPaths, OutFolder
-from hapscene.cli.paths import check_swatch
 from hapscene.errors import SwatchError
 from hapscene.interrupt import clear_interrupt
 

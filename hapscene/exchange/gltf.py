@@ -35,8 +35,7 @@ from hapscene.scene.mesh import OVERLAY, Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
-from hapscene.view.body_triangles import corner_normals
-from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
+from hapscene.view.feel_layer import OPACITY, Show, box_uv, corner_normals, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
 __all__ = ["SOURCE", "Z_UP", "glb_of", "look_glb", "picture_glb", "write_gltf"]

@@ -35,8 +35,7 @@ from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 from hapscene.swatches.words import phrases
-from hapscene.view.body_triangles import corner_normals, used_swatches
-from hapscene.view.feel_layer import grain_of
+from hapscene.view.feel_layer import corner_normals, grain_of, used_swatches
 from hapscene.view.palette import distinct_colours, rgb
 from hapscene.view.triangles import GAMMA
 

@@ -12,8 +12,7 @@ from hapscene.dsp.spectrogram import decibels
 from hapscene.errors import HandleError
 from hapscene.handle.fit import Identification, IdentifiedGrip, sampled_response
 from hapscene.handle.handle_file import SUFFIX, save_handle
-from hapscene.handle.measure import GripRecording
-from hapscene.handle.response import Response
+from hapscene.handle.measure import GripRecording, Response
 from hapscene.io.files import whole_folder
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import OKABE_ITO

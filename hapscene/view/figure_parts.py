@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.render.recording import Recording
-from hapscene.view.body_triangles import scene_solids
 from hapscene.view.camera import facing, pose_of
-from hapscene.view.feel_layer import Show
+from hapscene.view.feel_layer import Show, scene_solids
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
 from hapscene.view.triangles import Shown, Triangles, joined, lathe, moved, tube
 
