@@ -53,11 +53,7 @@ ROUNDS: Final = 2
 
 
 def question(name: str) -> Question:
-    """Return the question of that name.
-
-    Raises:
-        HapsceneError: no such question.
-    """
+    """Return the question of that name. Raises HapsceneError: no such question."""
     if name not in QUESTIONS:
         raise HapsceneError(no_such("question", name, QUESTIONS))
     found: Question = import_module(f"{__package__}.{QUESTIONS[name]}").QUESTION

@@ -225,7 +225,7 @@ def identify(
         raise HandleError("expected exactly one source: --simulated, --port PORT, or --from FILE …")
     from hapscene.handle.fit import GRIP_MAX
     from hapscene.handle.fit import identify as fit
-    from hapscene.handle.identification_report import describe_lines, write_result
+    from hapscene.handle.handle_file import describe_lines, write_result
     from hapscene.handle.measure import Sweep, load_grips
     from hapscene.handle.plant import Plant
 

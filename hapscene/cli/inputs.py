@@ -95,11 +95,7 @@ def base_name(path: str | Path) -> str:
 
 
 def new_file(name: str) -> Path:
-    """The default output file. A default never replaces an existing file.
-
-    Raises:
-        HapsceneError: the file exists.
-    """
+    """The default output file. A default never replaces an existing file. Raises HapsceneError: the file exists."""
     if Path(name).exists():
         raise HapsceneError(f"{name}: exists already; use -o {name} to replace it, or -o with another name")
     return Path(name)

@@ -92,11 +92,7 @@ def _cut(body: Body) -> Body:
 
 
 def look_glb(mesh: Mesh, two_sided: bool) -> bytes:
-    """Return a mesh with its materials as GLB, in its own frame.
-
-    Raises:
-        SceneError: the mesh is too large for GLB.
-    """
+    """Return a mesh with its materials as GLB, in its own frame. Raises SceneError: the mesh is too large for GLB."""
     writer = _Writer(Scene(), "look")
     face_swatch = np.zeros(len(mesh.faces), np.int16)
     writer.tree["nodes"] = writer.add_surface(Body("look", mesh, np.eye(4), two_sided, face_swatch))

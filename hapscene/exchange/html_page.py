@@ -77,11 +77,7 @@ Array = NDArray[Any]
 
 
 def write_html(scene: Scene, path: Path) -> list[Path]:
-    """Write a scene as a page.
-
-    Raises:
-        SceneError: no body has a face with an area, or the file cannot be written.
-    """
+    """Write a scene as a page. Raises SceneError: no body has a face with an area, or the file cannot be written."""
     write_whole(path, html_page(scene, path.stem).encode(), SceneError)
     return [path]
 

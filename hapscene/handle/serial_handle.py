@@ -48,11 +48,7 @@ class Wire(Protocol):
         """Received bytes and their time; None if nothing arrived for a while; a reason (str) after a disconnection."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes.
-
-        Raises:
-            HandleError: the handle does not accept them.
-        """
+        """Send bytes. Raises HandleError: the handle does not accept them."""
 
     def close(self) -> None:
         """Release the connection."""
@@ -73,11 +69,7 @@ class Board:
     """The microcontroller of a handle, on any connection."""
 
     def __init__(self, name: str, wire: Wire, clock: Clock = CLOCK) -> None:
-        """Start the handle and wait for its header.
-
-        Raises:
-            HandleError: no answer, or the device is not a handle.
-        """
+        """Start the handle and wait for its header. Raises HandleError: no answer, or the device is not a handle."""
         self.name, self._wire, self._clock = name, wire, clock
         self._decoder = Decoder()
         self._pieces: list[Run] = []

@@ -227,11 +227,7 @@ class Mesh:
 
 
 def unit_name(unit: str) -> str:
-    """Return the key of `UNIT_M` for any spelling of a unit.
-
-    Raises:
-        MeshError: the unit is unknown.
-    """
+    """Return the key of `UNIT_M` for any spelling of a unit. Raises MeshError: the unit is unknown."""
     name = UNIT_ALIAS.get(str(unit).strip().lower(), str(unit).strip().lower())
     if name not in UNIT_M:
         raise MeshError(no_such("unit of length", str(unit), UNIT_M))

@@ -59,11 +59,7 @@ class StimulusMaker:
         self._recordings: dict[str, SegmentedRecording] = {}
 
     def swatch(self, stimulus: Stimulus) -> Swatch:
-        """The swatch of a stimulus.
-
-        Raises:
-            HapsceneError: an invalid file, or a swatch without a texture.
-        """
+        """The swatch of a stimulus. Raises HapsceneError: an invalid file, or a swatch without a texture."""
         name = stimulus.swatch
         found = self._loaded(str(self._folder / name) if name.endswith(".swatch") else name)
         if found.texture is None:

@@ -214,11 +214,7 @@ class Staircase:
 
 
 def questplus_module() -> Any:
-    """Import the module questplus.
-
-    Raises:
-        StudyError: it is not installed.
-    """
+    """Import the module questplus. Raises StudyError: it is not installed."""
     try:
         import questplus
     except ImportError:

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.render.recording import Recording
-from hapscene.view.camera import facing, pose_of
 from hapscene.view.feel_layer import Show, scene_solids
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
-from hapscene.view.triangles import Shown, Triangles, joined, lathe, moved, tube
+from hapscene.view.triangles import Shown, Triangles, facing, joined, lathe, moved, pose_of, tube
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

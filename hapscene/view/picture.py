@@ -16,12 +16,11 @@ from hapscene.errors import ViewError
 from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
 from hapscene.scene.mesh_doctor import length as length_text
-from hapscene.view.camera import fit_cameras, orbit, visible_size
 from hapscene.view.feel_layer import Show, used_swatches
 from hapscene.view.figure_parts import ARROW_SPACING, BODIES, PROXY_COLOUR, arrow_ticks, make_figure_parts
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import AIR, EDGE, FORCE, LIGHT, PATH, Theme, distinct_colours, rgb
-from hapscene.view.triangles import Drawing, Frame
+from hapscene.view.triangles import Drawing, Frame, fit_cameras, orbit, visible_size
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
