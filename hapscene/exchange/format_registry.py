@@ -108,12 +108,7 @@ def _world(body: Body, vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def read_named(path: Path, unit: str | None, up: str | None = None, scale: float = 1.0) -> Scene:
-    """Read a scene from any mesh file; faces with the name of a library swatch are painted.
-
-    Raises:
-        MeshError: the mesh cannot be loaded.
-        SwatchError: a swatch of the library is invalid.
-    """
+    """Read a scene from any mesh file; faces with a name of the library are painted. Errors as `import_scene`."""
     scene = Scene()
     body = scene.add(scene.mesh_of(path, unit, up=up, scale=scale))
     for index, full in enumerate(body.mesh.group_names):
@@ -194,12 +189,7 @@ _HAS: Final[Mapping[str, Callable[[Scene], bool]]] = {
 
 
 def losses(scene: Scene, name: str) -> tuple[str, ...]:
-    """Return the properties of a scene that a format does not preserve.
-
-    Args:
-        scene: the scene.
-        name: name of the format, a key of `EXPORTS`.
-    """
+    """Return the properties of a scene that the format `name`, a key of `EXPORTS`, does not preserve."""
     return tuple(aspect for aspect in EXPORTS[name].loses if aspect not in _HAS or _HAS[aspect](scene))
 
 

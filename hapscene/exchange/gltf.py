@@ -57,17 +57,7 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
 
 
 def write_gltf(scene: Scene, path: Path, show: Show = "both", cut: bool = False) -> list[Path]:
-    """Write a scene as GLB.
-
-    Args:
-        scene: scene with at least one body.
-        path: the file.
-        show: visible layers; the paint is stored in any case.
-        cut: see `hapscene.exchange.export_scene`.
-
-    Raises:
-        SceneError: the scene is too large for GLB, or the file cannot be written.
-    """
+    """Write a scene as GLB, as `export_scene`. Raises SceneError: too large for GLB, or the file cannot be written."""
     writer = _Writer(scene, "look" if cut else show)
     for body in scene.bodies:
         writer.add_body(_cut(body) if cut else body)

@@ -83,16 +83,7 @@ def write_html(scene: Scene, path: Path) -> list[Path]:
 
 
 def html_page(scene: Scene, title: str, shown_max: int = SHOWN_MAX) -> str:
-    """Return the HTML of a page.
-
-    Args:
-        scene: scene; bodies without area are left out.
-        title: title of the page.
-        shown_max: largest number of triangles [count]; larger meshes are reduced.
-
-    Raises:
-        SceneError: no body has a face with an area.
-    """
+    """Return the HTML of a page of about `shown_max` triangles at most. Raises SceneError: no face has an area."""
     folder = files("hapscene.web").joinpath("touch_page")
     part = {
         name: folder.joinpath(name).read_text(encoding="utf-8")

@@ -64,20 +64,12 @@ class LiveBoard(Board):
         lag_s: float,
         clock: Clock = CLOCK,
     ) -> None:
-        """Wait for the header of the board.
-
-        Args:
-            name: name of the board in messages.
-            wire: connection to the board; closed if this raises.
-            limit_N: force limit.
-            ahead_s: force in the board's buffer.
-            watchdog_s: time without data after which the board stops the force.
-            highpass_Hz: corner of the high-pass filter.
-            lag_s: reserve of the channel in addition to `ahead_s`.
-            clock: clock of the timeouts.
+        """Wait for the header of the board. The numbers are the options of the drivers `serial` and `usb`, which
+        explain them.
 
         Raises:
-            HandleError: no answer, not a handle, a handle that only plays sweeps, or an option out of range.
+            HandleError: no answer, not a handle, a handle that only plays sweeps, or an option out of range. `wire`
+                is closed.
         """
         with refusing(HandleError, name):
             low, high = WATCHDOG_MS

@@ -281,14 +281,10 @@ class GripRecording:
 def play_grips(
     source: ForceSource, sweep: Sweep, guess: Plant, names: Sequence[str], ready: Callable[[int], None]
 ) -> list[GripRecording]:
-    """Play the sweep once in each grip.
+    """Play the sweep once in each grip. The travel of the coil is predicted for the plant `guess`.
 
-    Args:
-        source: the handle.
-        sweep: the sweep.
-        guess: the plant that predicts the travel of the coil.
-        names: names of the grips.
-        ready: called with the index of each grip before the sweep; returns when the hand holds the handle in that grip.
+    `ready` is called with the index of each grip before the sweep; it returns when the hand holds the handle in that
+    grip.
 
     Raises:
         HandleError: the handle is disconnected, or cannot play the sweep.
@@ -307,12 +303,7 @@ def load_grips(
     columns: dict[str, str] | None = None,
     units: dict[str, str] | None = None,
 ) -> list[GripRecording]:
-    """Load one grip from each file (`load_grip`).
-
-    Raises:
-        CaptureError, HandleError: as `load_grip`.
-        HandleError: the files differ in sample rate.
-    """
+    """Load one grip from each file. Raises CaptureError, HandleError: as `load_grip`, or the sample rates differ."""
     recordings = [load_grip(path, rate_Hz, columns, units) for path in paths]
     for recording, path in zip(recordings, paths, strict=True):
         if recording.rate_Hz != recordings[0].rate_Hz:
@@ -326,17 +317,12 @@ def load_grips(
 def load_grip(
     path: str, rate_Hz: float | None = None, columns: dict[str, str] | None = None, units: dict[str, str] | None = None
 ) -> GripRecording:
-    """Load a grip from a file with the columns force and acceleration.
-
-    Args:
-        path: CSV, WAV, NPZ, MAT or .hsrec.
-        rate_Hz: sample rate, if the file does not contain it [Hz].
-        columns: names of the file's columns, by quantity, if they differ.
-        units: units by quantity, if the file does not contain them.
+    """Load a grip from a file with the columns force and acceleration, as `hapscene.capture.load_recording`.
 
     Raises:
         CaptureError: the file does not exist, is not numeric, or lacks rate or units.
-        HandleError: the force is missing; or the acceleration has three axes, whose combination would lose the phase.
+        HandleError: the force is missing; or the acceleration has three axes, whose combination would lose the
+            phase.
     """
     from hapscene.capture.io.formats import read_recording_source
     from hapscene.capture.io.recording import load_recording

@@ -121,11 +121,7 @@ UNPACKED_MAX_B: Final = 250_000_000
 def check(suffix: str, content: bytes, where: str) -> int:
     """Check that a file matches its suffix, is complete, and does not declare more elements than it can hold.
 
-    Returns:
-        Number of faces that the file declares; 0 if it declares none.
-
-    Raises:
-        MeshError: the check fails.
+    Returns the number of faces that the file declares, 0 if it declares none. Raises MeshError if the check fails.
     """
     if suffix == "ply":
         return declared_counts(content, where).get("face", 0)

@@ -199,11 +199,7 @@ class _Samples:
 class OutputPlayer:
     """Plays on an output that stays open and silent between intervals, without clicks and without delay at the start.
 
-    Args:
-        output: the output; closed with this object.
-        shaped: returns the output values of an interval.
-        settings: settings that `report` returns besides the counters of the output.
-        clock: measures the duration of a sound.
+    `shaped` returns the output values of an interval; `report` returns `settings` besides the counters of the output.
     """
 
     def __init__(
@@ -274,12 +270,7 @@ def handle_player(
 ) -> OutputPlayer:
     """Return a player of acceleration on a handle, with the compensator of each stimulus ("flat" by default).
 
-    Args:
-        maker: synthesises the stimuli.
-        output: the handle.
-        stimuli: all stimuli that may be played; their compensators are checked.
-        file: handle file of `hapscene device identify`; empty for the nominal handle.
-        clock: measures the duration of a sound.
+    `file` is a handle file of `hapscene device identify`; empty for the nominal handle.
 
     Raises:
         HapsceneError: an unknown compensator, or an invalid handle file.

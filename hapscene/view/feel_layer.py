@@ -199,9 +199,7 @@ def used_swatches(scene: "Scene") -> list[int]:
 def scene_solids(scene: "Scene", show: Show = "both") -> list[Triangles]:
     """Return the triangles of all bodies at their poses; the first have neither pictures nor transparency.
 
-    Args:
-        scene: the scene.
-        show: visible layers. Bodies whose file has no materials and no colours always wear their paint.
+    Bodies whose file has no materials and no colours always wear their paint.
     """
     colours = np.array([rgb(colour) for colour in distinct_colours(scene.swatches, used_swatches(scene))])
     solids = [solid for body in scene.bodies for solid in _body_solids(scene, body, colours, show)]
