@@ -273,9 +273,9 @@ def _from_simulation(
 
 def _from_port(port: str, baud: int, count: int, sweep: "Sweep", guess: "Plant") -> "list[GripRecording]":
     """Play the sweep through a real handle; before each grip, ask the user to hold it."""
+    from hapscene.handle.board import SerialSource
     from hapscene.handle.force_source import grip_names
     from hapscene.handle.measure import play_grips
-    from hapscene.handle.serial_handle import SerialSource
 
     names = grip_names(count)
 
