@@ -399,7 +399,7 @@ def _give_cautions(
 def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
     """Why a path (n, 3) [m] has no contact with a scene, and what to do."""
     from hapscene.render.renderer import Renderer
-    from hapscene.scene.mesh_report import length
+    from hapscene.scene.mesh_doctor import length
 
     both_sides = copy(scene)
     both_sides.bodies = [replace(body, two_sided=True) for body in scene.bodies]

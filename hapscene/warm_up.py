@@ -144,8 +144,8 @@ def _play_on_handle() -> None:
     from hapscene.capture.fit.synthesis import synthesize
     from hapscene.handle import Plant
     from hapscene.handle.force_source import SimulatedSource
+    from hapscene.handle.handle_loop import play
     from hapscene.handle.live_stream import LiveStream
-    from hapscene.handle.playback import play
 
     play(np.zeros(100), ACCELERATION_RATE_HZ)
     SimulatedSource(Plant()).play(np.zeros(100))

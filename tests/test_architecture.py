@@ -47,7 +47,7 @@ EXCEPTIONS = {
     "fidelity/trial.py": {"motion"},  # strokes that the search tries
     "fidelity/tune.py": {"motion", "touch"},  # progress, and the words for what cannot be touched
     "handle/measure.py": {"capture"},  # recordings of a sweep are read like other recordings
-    "handle/identification_report.py": {"view"},  # plots of the report
+    "handle/handle_file.py": {"view"},  # plots of the report
     "handle/live_process.py": {"loop"},  # reads the samples in the servo's memory
     "swatches/site.py": {"exchange", "view"},  # pages to touch, and plots
     "swatches/sound.py": {"capture", "view"},  # synthesis of a stroke

@@ -13,9 +13,9 @@ from hapscene.capture.fit.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
+from hapscene.handle.handle_loop import play, run
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant, Sensor
-from hapscene.handle.playback import play, run
 from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet

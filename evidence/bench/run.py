@@ -39,15 +39,11 @@ MAIN: Final = "sphere 82 k"
 def bench(out: Path, quick: bool = False, docs: Path | None = None, table: Path | None = None) -> None:
     """Measure speed and accuracy on this machine, and write bench.csv, bench.md and charts into `out`.
 
-    Args:
-        out: output folder, created if missing.
-        quick: fewer cases, shorter paths, fewer repeats.
-        docs: the folder docs/results, whose benchmark.md and bench/ are written as well.
-        table: an earlier bench.csv to use instead of measuring.
+    With `quick` fewer cases and repeats; with `table`, an earlier bench.csv, nothing is measured. `docs` is the folder
+    docs/results, whose benchmark.md and bench/ are written as well.
 
     Raises:
         HapsceneError: NUMBA_DISABLE_JIT=1, which disables compilation; no such `docs`; an invalid `table`.
-        OSError: `out` cannot be written.
     """
     _check(docs, table is not None)
     sheet = Sheet.read(table) if table is not None else None
@@ -92,17 +88,11 @@ def bench_against(other: Path, rounds: int) -> bool:
 
 
 def bench_peers(build: Path, docs: Path, cases: list[case.Case], rounds: tuple[int, int]) -> None:
-    """Time other renderers and hapscene in turn, and write bench/peers.csv and the page into `docs`.
-
-    Args:
-        build: folder of the programs chai_path and hapi_path (see `path_driver`).
-        docs: the folder docs/results, with the results of `bench`.
-        cases: meshes and paths.
-        rounds: numbers of rounds with hot and with cold caches.
+    """Time other renderers (programs in the folder `build`, see `path_driver`) and hapscene in turn, with hot and with
+    cold caches, and write bench/peers.csv and the page into `docs`.
 
     Raises:
         HapsceneError: as for `bench`; no program in `build`; a program fails.
-        OSError: `docs` cannot be written.
     """
     _check(docs)
     sheet = side_by_side.measure(side_by_side.find_drivers(build), cases, *rounds, _say)

@@ -51,11 +51,7 @@ class Sheet:
         return key in self._figures
 
     def number(self, case: str, name: str) -> float:
-        """Return the figure of that case and name.
-
-        Raises:
-            HapsceneError: the figure was not measured.
-        """
+        """Return the figure of that case and name. Raises HapsceneError: the figure was not measured."""
         if (case, name) not in self._figures:
             raise HapsceneError(
                 f"no figure {name!r} of {case!r} in the table, which may be of an older version: measure again"
@@ -77,11 +73,7 @@ class Sheet:
 
     @classmethod
     def read(cls, path: Path) -> "Sheet":
-        """Read a sheet that `write` wrote.
-
-        Raises:
-            HapsceneError: the file is not such a table.
-        """
+        """Read a sheet that `write` wrote. Raises HapsceneError: the file is not such a table."""
         sheet = cls()
         for case, name, value, unit in read_rows(path, COLUMNS, "figures"):
             try:
@@ -108,11 +100,7 @@ def read_rows(path: Path, columns: Sequence[str], what: str) -> list[list[str]]:
 
 
 def spread(values: ArrayLike) -> dict[str, float]:
-    """Return the `QUANTILES` of values (n,) by name.
-
-    Raises:
-        HapsceneError: no values.
-    """
+    """Return the `QUANTILES` of values (n,) by name. Raises HapsceneError: no values."""
     ordered = np.sort(np.asarray(values, np.float64))
     if not len(ordered):
         raise HapsceneError("no tick to measure: the tool touched no body")

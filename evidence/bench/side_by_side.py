@@ -52,11 +52,7 @@ class Turn(NamedTuple):
 
 
 def find_drivers(build: Path) -> Drivers:
-    """Return the programs in a folder, after that of hapscene.
-
-    Raises:
-        HapsceneError: no program in the folder.
-    """
+    """Return the programs in a folder, after that of hapscene. Raises HapsceneError: no program in the folder."""
     found: Drivers = {OURS: ((sys.executable, "-m", path_driver.__name__), ())}
     for name, program, options in PROGRAMS:
         file = build.resolve() / program

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.handle.compensator import COMPENSATORS
+from hapscene.handle.handle_loop import run
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import ACCELEROMETER_HZ, Plant, Sensor
-from hapscene.handle.playback import run
 from hapscene.perception import BAND_DB
 
 from ..bench.handle import RATE_HZ, SPREAD, judge, signals

@@ -53,11 +53,7 @@ ROUNDS: Final = 2
 
 
 def question(name: str) -> Question:
-    """Return the question of that name.
-
-    Raises:
-        HapsceneError: no such question.
-    """
+    """Return the question of that name. Raises HapsceneError: no such question."""
     if name not in QUESTIONS:
         raise HapsceneError(no_such("question", name, QUESTIONS))
     found: Question = import_module(f"{__package__}.{QUESTIONS[name]}").QUESTION
@@ -73,19 +69,13 @@ def chart(
     docs: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> Table:
-    """Measure every question and write chart.csv, pictures and chart.html into `out`.
+    """Measure every question, or those in `only`, and write chart.csv, pictures and chart.html into `out`.
 
-    Args:
-        out: output folder, created if missing.
-        scene: scene file; None for each question's default subject.
-        only: names of questions; all if empty.
-        table: an earlier chart.csv to draw instead of measuring.
-        docs: the folder docs/results, whose chart.md and chart/ are written as well.
-        say: called with each line of progress.
+    With `table`, an earlier chart.csv, nothing is measured. `docs` is the folder docs/results, whose chart.md and
+    chart/ are written as well.
 
     Raises:
         HapsceneError: no such question; NUMBA_DISABLE_JIT=1, which disables compilation; an invalid `table`.
-        OSError: `out` cannot be written.
     """
     if INTERPRETED and table is None:
         raise HapsceneError("NUMBA_DISABLE_JIT is set, but the chart measures compiled code: unset it")

@@ -98,13 +98,9 @@ def stabiliser(name: str, device: Device, stiffness_N_m: float) -> tuple[Limits,
 def run_case(
     device: Device, gesture: str, stiffness_N_m: float, name: str, actual: PointMass | None = None, delay_ticks: int = 0
 ) -> Outcome:
-    """Run one of `STABILISERS` with one of `GESTURES`, with a light grip at 1 kHz.
+    """Run one of `STABILISERS`, made for `device`, with one of `GESTURES`, with a light grip at 1 kHz.
 
-    Args:
-        device: the device for which the stabiliser is made.
-        gesture, stiffness_N_m, name: gesture, stiffness of the wall, and stabiliser.
-        actual: the device that is touched; None for `device` itself.
-        delay_ticks: delay of the force, which the stabiliser does not know.
+    The touched device is `actual`, or `device`; the stabiliser does not know the delay of the force.
     """
     point = actual or device.point
     assert point is not None

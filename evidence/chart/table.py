@@ -60,11 +60,7 @@ class Table:
 
     @classmethod
     def read(cls, path: Path) -> "Table":
-        """Read a table that `write` wrote.
-
-        Raises:
-            HapsceneError: the file is not such a table.
-        """
+        """Read a table that `write` wrote. Raises HapsceneError: the file is not such a table."""
         machine: dict[str, str] = {}
         errors: dict[tuple[str, ...], dict[str, float]] = {}
         for line, row in enumerate(read_rows(path, COLUMNS, "a chart"), 2):

@@ -16,10 +16,9 @@ from hapscene.dsp.spectrogram import decibels
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.fit import Identification, identify
 from hapscene.handle.force_source import SCATTER, SimulatedSource, simulated_grips
-from hapscene.handle.identification_report import modelled
-from hapscene.handle.measure import Sweep
+from hapscene.handle.handle_file import modelled
+from hapscene.handle.measure import Response, Sweep, estimate_response
 from hapscene.handle.plant import Plant
-from hapscene.handle.response import Response, estimate_response
 from hapscene.view.palette import INK, OKABE_ITO
 
 from .result import SETTING, Array, FigureResult, Number, Plot, drawn

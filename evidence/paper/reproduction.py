@@ -40,17 +40,12 @@ def reproduce(
 ) -> list[Path]:
     """Reproduce all figures and write `FILES` into a folder; an interrupted run writes nothing.
 
-    Args:
-        out: the folder.
-        recordings: folder of the recordings that the shipped swatches were fitted to; without it, the surfaces are
-            synthesised from the swatches.
-        say: called with progress messages.
-        docs: folder of the project's result pages; the summary is written into its paper.md as well.
+    Without recordings, the surfaces are synthesised from the shipped swatches. `docs` is the folder docs/results, in
+    whose paper.md the summary is written as well.
 
     Raises:
         CaptureError: no recording in that folder, or an invalid one.
         HapsceneError: `docs` has no paper.md with the lines `START` and `END`.
-        OSError: a folder cannot be written.
     """
     materials, results = load_materials(recordings), {}
     page = None if docs is None else _parts(docs / "paper.md")

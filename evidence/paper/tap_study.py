@@ -11,8 +11,8 @@ import numpy as np
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.force_source import simulated_grips
+from hapscene.handle.handle_loop import play
 from hapscene.handle.plant import Plant
-from hapscene.handle.playback import play
 from hapscene.perception import BAND_DB, band_edges_Hz, band_rms_m_s2, bands_jnd
 from hapscene.swatches.library import load_swatch
 

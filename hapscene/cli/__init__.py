@@ -113,7 +113,7 @@ def app() -> "App":
     """Return the tree of commands. It imports cyclopts here, when Ctrl-C is already handled."""
     from cyclopts import App, Group, Parameter
 
-    from hapscene.cli.help import HelpFormatter
+    from hapscene.cli.console import HelpFormatter
 
     tree = App(
         name="hapscene",

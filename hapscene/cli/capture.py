@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import print_error, print_files, print_lines, print_note, print_progress
+from hapscene.cli.inputs import base_name, check_there, new_file
 from hapscene.cli.options import (
     Help,
     InFile,
@@ -21,7 +22,6 @@ from hapscene.cli.options import (
     SwatchName,
     WorkerOptions,
 )
-from hapscene.cli.paths import base_name, check_there, new_file
 from hapscene.errors import CaptureError, SwatchError, printable
 from hapscene.io.wire.port import BAUD
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import print_error, print_files, print_in_place, print_lines, print_progress
+from hapscene.cli.inputs import base_name
 from hapscene.cli.options import (
     Help,
     InFile,
@@ -24,7 +25,6 @@ from hapscene.cli.options import (
     RecordingOptions,
     Seed,
 )
-from hapscene.cli.paths import base_name
 from hapscene.errors import DeviceError, HandleError
 from hapscene.io.wire.port import BAUD
 
@@ -225,7 +225,7 @@ def identify(
         raise HandleError("expected exactly one source: --simulated, --port PORT, or --from FILE …")
     from hapscene.handle.fit import GRIP_MAX
     from hapscene.handle.fit import identify as fit
-    from hapscene.handle.identification_report import describe_lines, write_result
+    from hapscene.handle.handle_file import describe_lines, write_result
     from hapscene.handle.measure import Sweep, load_grips
     from hapscene.handle.plant import Plant
 
@@ -273,9 +273,9 @@ def _from_simulation(
 
 def _from_port(port: str, baud: int, count: int, sweep: "Sweep", guess: "Plant") -> "list[GripRecording]":
     """Play the sweep through a real handle; before each grip, ask the user to hold it."""
+    from hapscene.handle.board import SerialSource
     from hapscene.handle.force_source import grip_names
     from hapscene.handle.measure import play_grips
-    from hapscene.handle.serial_handle import SerialSource
 
     names = grip_names(count)
 
@@ -329,9 +329,10 @@ def play_file(
     from hapscene.dsp.spectrogram import spectrogram_error
     from hapscene.handle.compensator import find_compensator
     from hapscene.handle.handle_file import load_handle
+    from hapscene.handle.handle_loop import play
     from hapscene.handle.plant import Plant, Sensor
-    from hapscene.handle.playback import play, write_wave
     from hapscene.io.files import refusing, whole_folder
+    from hapscene.view.sound import write_wave
 
     compensator = compensator or "adaptive"
     find_compensator(compensator)

@@ -1,26 +1,112 @@
-"""Loading of scenes and meshes for the commands, with checks before slow imports."""
+"""Inputs and outputs of the commands: checks of paths before slow imports, and loading of scenes and meshes."""
 
+import os
+from contextlib import suppress
 from dataclasses import replace
+from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from hapscene.cli.console import format_size, print_progress
-from hapscene.cli.options import MeshOptions, ReadOptions
-from hapscene.cli.paths import SCENES, check_there, missing
-from hapscene.constants import is_unitless
-from hapscene.errors import MeshError, SceneError
+from hapscene.constants import SCENE_SUFFIXES, is_unitless
+from hapscene.errors import HapsceneError, MeshError, SceneError
 
 if TYPE_CHECKING:
+    from hapscene.cli.options import MeshOptions, ReadOptions
     from hapscene.scene.scene import Scene
 
-__all__ = ["check_scene", "find_asset", "load_input", "loading", "print_size_advice"]
+__all__ = [
+    "SCENES",
+    "base_name",
+    "check_out_folder",
+    "check_scene",
+    "check_swatch",
+    "check_there",
+    "find_asset",
+    "load_input",
+    "loading",
+    "missing",
+    "new_file",
+    "print_size_advice",
+]
 
-_Options = TypeVar("_Options", bound=ReadOptions)
+
+SCENES: Final = SCENE_SUFFIXES
+"""Suffixes of scene files."""
+
+STEM_NEAR: Final = 0.75
+"""Least similarity of two file names for a suggestion, as difflib's ratio [1]. Only the part before the first dot
+counts: a common suffix makes all names similar."""
+
+NAME_MAX: Final = 10_000
+"""Most files of a folder that are compared with the given name [count]."""
+
+
+def check_there(path: str | Path, what: str = "file") -> None:
+    """Check that a path exists and is of the kind `what`: "file", "folder", or "file or folder".
+
+    Raises:
+        HapsceneError: it does not exist, or is of another kind.
+    """
+    path = Path(path)
+    if path.is_dir():
+        if "folder" not in what:
+            raise HapsceneError(f"{path}: is a folder; expected a {what}")
+    elif not path.exists():
+        raise HapsceneError(missing(path, what))
+    elif not path.is_file():
+        raise HapsceneError(f"{path}: is a pipe or a device file; expected a regular {what}")
+    elif what == "folder":
+        raise HapsceneError(f"{path}: is a file; expected a folder")
+
+
+def missing(path: Path, what: str = "file") -> str:
+    """The message for a missing file or folder, with a suggestion if a similar name exists."""
+    if not path.parent.is_dir():
+        return f"{path}: no such {what}: there is no folder {path.parent}"
+    names = []
+    with suppress(OSError):  # the folder may not be readable
+        files = (file for file in path.parent.iterdir() if file.exists() and not file.name.startswith("."))
+        names = [file.name for file in islice(files, NAME_MAX)]
+    stem = path.name.split(".")[0]
+    similar = [name for name in names if get_close_matches(stem, [name.split(".")[0]], 1, STEM_NEAR)]
+    near = get_close_matches(path.name, similar, 1)
+    return f"{path}: no such {what}" + (f"; did you mean {path.with_name(near[0])}?" if near else "")
+
+
+def check_swatch(name: str | Path) -> None:
+    """Check that a .swatch file exists. Names of library swatches are looked up later."""
+    if str(name).endswith(".swatch") or "/" in str(name) or os.sep in str(name):
+        check_there(name)
+
+
+def check_out_folder(path: str | Path) -> None:
+    """Check that an output folder is not an existing file."""
+    if Path(path).is_file():
+        raise HapsceneError(f"{path}: is a file; expected a folder or a new name")
+
+
+def base_name(path: str | Path) -> str:
+    """The file name without folder and suffix: "bunny" for meshes/bunny.ply and for bunny.scene.json."""
+    name = Path(path).name
+    end = next((end for end in SCENES if name.endswith(end)), None)
+    return name.removesuffix(end) if end else Path(path).stem
+
+
+def new_file(name: str) -> Path:
+    """The default output file. A default never replaces an existing file. Raises HapsceneError: the file exists."""
+    if Path(name).exists():
+        raise HapsceneError(f"{name}: exists already; use -o {name} to replace it, or -o with another name")
+    return Path(name)
+
+
+_Options = TypeVar("_Options", bound="ReadOptions")
 
 UNITS: Final = ("m", "cm", "mm", "um", "in", "ft")  # as in scene.mesh
 
 
-def check_scene(path: str, options: ReadOptions | None = None) -> None:
+def check_scene(path: str, options: "ReadOptions | None" = None) -> None:
     """Check that a scene or mesh exists and that its unit and swatch are known, before it is loaded.
 
     Raises:
@@ -65,7 +151,7 @@ def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:
         raise SceneError(f"{missing(Path(scene))}; {unknown}") from None
 
 
-def load_input(path: str, options: MeshOptions, device: str = "omni") -> "Scene":
+def load_input(path: str, options: "MeshOptions", device: str = "omni") -> "Scene":
     """Load a scene, or a mesh as a scene; print progress and advice about an unsuitable size.
 
     Raises:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.paths import check_out_folder, check_swatch, check_there
+from hapscene.cli.inputs import check_out_folder, check_swatch, check_there
 from hapscene.errors import DeviceError, HapsceneError, no_such
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
 
 __all__ = [
-    "AsJson",
     "Compensator",
     "Count",
     "Counts",
@@ -120,7 +119,6 @@ OutFile = Annotated[Path | None, Parameter(alias="-o")]
 OutFolder = Annotated[
     Path, _check(check_out_folder), Parameter(alias="-o", metavar="FOLDER", help="Folder for the results.")
 ]
-AsJson = Annotated[bool, Parameter(name="--json", help="Print the result as JSON.")]
 Dark = Annotated[bool, Help("Use a dark background for pictures.")]
 Table = Annotated[InFile | None, Parameter(name="--from", help="Table of an earlier run to draw, without measuring.")]
 TipRadius = Annotated[float, Help("Radius of the round tip of the tool [m]; 0 for a point.")]

@@ -10,7 +10,7 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from hapscene.cli.console import print_in_place, print_lines, print_note, print_progress
-from hapscene.cli.inputs import check_scene, find_asset, load_input
+from hapscene.cli.inputs import base_name, check_scene, find_asset, load_input
 from hapscene.cli.options import (
     LOCALHOST,
     Help,
@@ -23,7 +23,6 @@ from hapscene.cli.options import (
     TipRadius,
     Vector,
 )
-from hapscene.cli.paths import base_name
 from hapscene.errors import DeviceError, HapsceneError, no_such, printable
 from hapscene.interrupt import interrupt_noted
 

@@ -8,9 +8,17 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from hapscene.cli.console import print_files, print_lines, print_progress
-from hapscene.cli.inputs import check_scene, find_asset, load_input, loading, print_size_advice
+from hapscene.cli.inputs import (
+    SCENES,
+    base_name,
+    check_scene,
+    find_asset,
+    load_input,
+    loading,
+    new_file,
+    print_size_advice,
+)
 from hapscene.cli.options import Dark, Help, InFile, MeshOptions, OutFile, Positive, ReadOptions
-from hapscene.cli.paths import SCENES, base_name, new_file
 from hapscene.errors import MeshError, SaveConflict, SceneError, ViewError
 
 if TYPE_CHECKING:

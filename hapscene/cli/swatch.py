@@ -1,6 +1,5 @@
 """`hapscene swatch`: the swatch library, comparison of surfaces, publishing."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace as changed
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import format_size, print_error, print_lines, print_note, print_progress, table
-from hapscene.cli.options import AsJson, Help, InFiles, InPaths, OutFolder
-from hapscene.cli.paths import check_swatch
+from hapscene.cli.inputs import check_swatch
+from hapscene.cli.options import Help, InFiles, InPaths, OutFolder
 from hapscene.errors import SwatchError
 from hapscene.interrupt import clear_interrupt
 
@@ -34,7 +33,6 @@ Replace = Annotated[bool, Parameter(help="Replace a swatch of the same name.")]
 def list_swatches(
     *terms: Annotated[str, Help("Word, tool:WORD, tip:WORD, or comparison such as stiffness>500")],
     library: Library = None,
-    as_json: AsJson = False,
 ) -> int:
     """List swatches, or search them: shipped ones, computed ones, and those of the library.
 
@@ -53,8 +51,8 @@ def list_swatches(
     if terms:
         found = known.search([entry for group in groups.values() for entry in group], terms)
         groups = {source: [entry for entry in group if entry in found] for source, group in groups.items()}
-    _print_entries(groups, as_json)
-    if not (terms or own or as_json):
+    _print_entries(groups)
+    if not (terms or own):
         print(f"the library in {known.library_folder(library)} is empty")
     if terms and not any(groups.values()):
         print_note("no swatch matches")
@@ -62,17 +60,11 @@ def list_swatches(
     return 0
 
 
-def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool = False) -> None:
-    """Print one line for each swatch with its source, or JSON."""
+def _print_entries(groups: Mapping[str, Sequence[Any]]) -> None:
+    """Print one line for each swatch with its source."""
     from hapscene.surface.swatch import touched_with
 
-    entries = [(entry, source) for source, group in groups.items() for entry in group]
-    if as_json:
-        keys = ("name", "words", "figures", "licence", "tags", "tool", "tip")
-        found = [{key: getattr(entry, key) for key in keys} | {"from": source} for entry, source in entries]
-        print(json.dumps(found, indent=2, ensure_ascii=False))
-        return
-    for entry, source in entries:
+    for entry, source in ((entry, source) for source, group in groups.items() for entry in group):
         touched = touched_with(entry)
         print_lines([f"{entry.name:<20}  {source:<8}  {', '.join(entry.words)}{f' ({touched})' if touched else ''}"])
 

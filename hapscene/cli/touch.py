@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from hapscene.cli.console import print_files, print_progress, print_warning
-from hapscene.cli.inputs import check_scene, find_asset, load_input, loading
+from hapscene.cli.inputs import base_name, check_scene, find_asset, load_input, loading
 from hapscene.cli.options import (
     Compensator,
     Count,
@@ -27,7 +27,6 @@ from hapscene.cli.options import (
     Seed,
     TipRadius,
 )
-from hapscene.cli.paths import base_name
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
 from hapscene.errors import EffectError, PathError, no_such
 

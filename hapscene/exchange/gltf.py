@@ -35,8 +35,7 @@ from hapscene.scene.mesh import OVERLAY, Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
-from hapscene.view.body_triangles import corner_normals
-from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
+from hapscene.view.feel_layer import OPACITY, Show, box_uv, corner_normals, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
 __all__ = ["SOURCE", "Z_UP", "glb_of", "look_glb", "picture_glb", "write_gltf"]
@@ -58,17 +57,7 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
 
 
 def write_gltf(scene: Scene, path: Path, show: Show = "both", cut: bool = False) -> list[Path]:
-    """Write a scene as GLB.
-
-    Args:
-        scene: scene with at least one body.
-        path: the file.
-        show: visible layers; the paint is stored in any case.
-        cut: see `hapscene.exchange.export_scene`.
-
-    Raises:
-        SceneError: the scene is too large for GLB, or the file cannot be written.
-    """
+    """Write a scene as GLB, as `export_scene`. Raises SceneError: too large for GLB, or the file cannot be written."""
     writer = _Writer(scene, "look" if cut else show)
     for body in scene.bodies:
         writer.add_body(_cut(body) if cut else body)
@@ -93,11 +82,7 @@ def _cut(body: Body) -> Body:
 
 
 def look_glb(mesh: Mesh, two_sided: bool) -> bytes:
-    """Return a mesh with its materials as GLB, in its own frame.
-
-    Raises:
-        SceneError: the mesh is too large for GLB.
-    """
+    """Return a mesh with its materials as GLB, in its own frame. Raises SceneError: the mesh is too large for GLB."""
     writer = _Writer(Scene(), "look")
     face_swatch = np.zeros(len(mesh.faces), np.int16)
     writer.tree["nodes"] = writer.add_surface(Body("look", mesh, np.eye(4), two_sided, face_swatch))

@@ -47,12 +47,8 @@ _VALUES: Final = ("pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaC
 
 
 def read_gltf(path: Path) -> Scene | None:
-    """Read a scene from a GLB file; return None if hapscene did not write the file.
-
-    Raises:
-        SceneError: damaged, too large, compressed, or of a later version.
-        MeshError, SwatchError: a mesh or a swatch in the file is invalid.
-    """
+    """Read a scene from a GLB file; return None if hapscene did not write the file. Raises SceneError: damaged, too
+    large, compressed, or of a later version; MeshError, SwatchError: a mesh or a swatch in the file is invalid."""
     with refusing(SceneError):
         content = read_bytes(path, FILE_MAX_B, "mesh file")
     if not content:

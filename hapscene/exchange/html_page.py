@@ -35,8 +35,7 @@ from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 from hapscene.swatches.words import phrases
-from hapscene.view.body_triangles import corner_normals, used_swatches
-from hapscene.view.feel_layer import grain_of
+from hapscene.view.feel_layer import corner_normals, grain_of, used_swatches
 from hapscene.view.palette import distinct_colours, rgb
 from hapscene.view.triangles import GAMMA
 
@@ -78,26 +77,13 @@ Array = NDArray[Any]
 
 
 def write_html(scene: Scene, path: Path) -> list[Path]:
-    """Write a scene as a page.
-
-    Raises:
-        SceneError: no body has a face with an area, or the file cannot be written.
-    """
+    """Write a scene as a page. Raises SceneError: no body has a face with an area, or the file cannot be written."""
     write_whole(path, html_page(scene, path.stem).encode(), SceneError)
     return [path]
 
 
 def html_page(scene: Scene, title: str, shown_max: int = SHOWN_MAX) -> str:
-    """Return the HTML of a page.
-
-    Args:
-        scene: scene; bodies without area are left out.
-        title: title of the page.
-        shown_max: largest number of triangles [count]; larger meshes are reduced.
-
-    Raises:
-        SceneError: no body has a face with an area.
-    """
+    """Return the HTML of a page of about `shown_max` triangles at most. Raises SceneError: no face has an area."""
     folder = files("hapscene.web").joinpath("touch_page")
     part = {
         name: folder.joinpath(name).read_text(encoding="utf-8")

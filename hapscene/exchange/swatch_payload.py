@@ -96,11 +96,7 @@ def restore(path: Path, name: str, sha256: str, text: str | None) -> Swatch | st
 
 
 def check_version(path: Path, version: object) -> None:
-    """Check the version of a file.
-
-    Raises:
-        SceneError: the version is invalid, or later than `VERSION`.
-    """
+    """Check the version of a file. Raises SceneError: the version is invalid, or later than `VERSION`."""
     if isinstance(version, float) and version.is_integer():  # some programs store all numbers as floats
         version = int(version)
     if type(version) is not int or version < 1:

@@ -3,9 +3,9 @@ from .fit import Identification as Identification
 from .fit import identify as identify
 from .handle_file import load_handle as load_handle
 from .handle_file import save_handle as save_handle
+from .handle_loop import PlaybackResult as PlaybackResult
+from .handle_loop import play as play
+from .handle_loop import spectrogram_error as spectrogram_error
+from .measure import estimate_response as estimate_response
 from .plant import Plant as Plant
 from .plant import Sensor as Sensor
-from .playback import PlaybackResult as PlaybackResult
-from .playback import play as play
-from .playback import spectrogram_error as spectrogram_error
-from .response import estimate_response as estimate_response

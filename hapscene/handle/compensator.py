@@ -153,11 +153,7 @@ COMPENSATORS: Final[Mapping[str, Compensator]] = {
 
 
 def find_compensator(name: str) -> Compensator:
-    """Look up a compensator by name.
-
-    Raises:
-        HandleError: unknown name.
-    """
+    """Look up a compensator by name. Raises HandleError: unknown name."""
     if name not in COMPENSATORS:
         raise HandleError(no_such("compensator", str(name), COMPENSATORS))
     return COMPENSATORS[name]

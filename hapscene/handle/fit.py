@@ -9,8 +9,8 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
+from hapscene.handle.measure import BAND_PER_OCTAVE, Response
 from hapscene.handle.plant import ACCELEROMETER_HZ, DELAY_MAX_S, NUMBER_MAX, Array, Complex, Plant, Sensor
-from hapscene.handle.response import BAND_PER_OCTAVE, Response
 
 __all__ = [
     "GRIP_MAX",

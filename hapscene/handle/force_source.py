@@ -1,4 +1,4 @@
-"""Sources of identification data: the interface, and a simulated handle. The real one is in `serial_handle`."""
+"""Sources of identification data: the interface, and a simulated handle. The real one is in `board`."""
 
 from dataclasses import dataclass
 from typing import Final, Protocol

@@ -71,11 +71,7 @@ class HandleOutput(Protocol):
         """Current delay from `pull` to the vibration of a sample [s]."""
 
     def start(self, feed: Feed) -> None:
-        """Start to pull samples from `feed`.
-
-        Raises:
-            HandleError: the hardware is disconnected.
-        """
+        """Start to pull samples from `feed`. Raises HandleError: the hardware is disconnected."""
 
     def close(self) -> None:
         """Stop the output and release the hardware. Raises nothing, even if it is disconnected; may be called twice."""

@@ -196,16 +196,8 @@ def new_handle(
     sensor: Sensor | None = None,
     nominal_sensor: Sensor | None = None,
 ) -> Records:
-    """Create a record (1,) `HANDLE` at rest.
-
-    Args:
-        plant: the handle that is simulated.
-        nominal: the handle that the compensator assumes.
-        compensator: a name of `hapscene.handle.COMPENSATORS`.
-        rate_Hz: sample rate [Hz].
-        seed: seed of the accelerometer noise.
-        sensor: the accelerometer that is simulated; `Sensor()` by default.
-        nominal_sensor: the accelerometer that the compensator assumes; `sensor` by default.
+    """Create a record (1,) `HANDLE` at rest. The arguments are those of `hapscene.handle.play`, without defaults for
+    plants.
 
     Raises:
         HandleError: unknown compensator, rate out of range, or a sensor delay too long for the rate.

@@ -284,11 +284,7 @@ class LiveHandle:
         return dict(answer)
 
     def update_report(self) -> dict[str, float]:
-        """Request the current `report`.
-
-        Raises:
-            HandleError: the handle has stopped; the message gives the reason.
-        """
+        """Request the current `report`. Raises HandleError: the handle has stopped; the message gives the reason."""
         return self._request("report")
 
     def set_volume(self, volume: float) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.region import Volume
+from hapscene.scene.region import Region
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -285,7 +285,7 @@ def paint_faces(body: "Body", faces: NDArray[np.generic], swatch: int) -> None:
 
 def paint_region(
     body: "Body",
-    region: Volume,
+    region: Region,
     swatch: int,
     *,
     resolution_m: float | None = None,
@@ -368,7 +368,7 @@ def _check_numbers(resolution_m: float, falloff_m: float, opacity: float) -> Non
 class _Painter:
     """Decides for each part of a face whether it must be cut, and its weight."""
 
-    region: Volume
+    region: Region
     longest_m: float
     falloff_m: float
     rounding_m: float

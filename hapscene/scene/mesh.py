@@ -130,20 +130,17 @@ class Mesh:
         _freeze(self, "vertices_m", vertices, np.float64)
         _freeze(self, "faces", faces, np.int32)
         _freeze(self, "group", group, np.int16)
-        if self.colour_rgb is not None:
-            if np.shape(self.colour_rgb) != (len(faces), 3):
-                raise MeshError(f"{where}colour_rgb must have shape ({len(faces)}, 3)")
-            _freeze(self, "colour_rgb", self.colour_rgb, np.uint8)
-        if self.uv is not None:
-            if np.shape(self.uv) != (len(faces), 3, 2):
-                raise MeshError(f"{where}uv must have shape ({len(faces)}, 3, 2)")
-            _freeze(self, "uv", self.uv, np.float32)
-        if self.material is not None:
-            if np.shape(self.material) != (len(faces),) or not -1 <= self.material.min() <= self.material.max() < len(
-                self.materials
-            ):
-                raise MeshError(f"{where}material must have shape ({len(faces)},) with indices of `materials` or −1")
-            _freeze(self, "material", self.material, np.int16)
+        for name, shape, dtype in (
+            ("colour_rgb", (3,), np.uint8),
+            ("uv", (3, 2), np.float32),
+            ("material", (), np.int16),
+        ):
+            if (values := getattr(self, name)) is not None:
+                if np.shape(values) != (len(faces), *shape):
+                    raise MeshError(f"{where}{name} must have shape {(len(faces), *shape)}")
+                _freeze(self, name, values, dtype)
+        if self.material is not None and not (self.material.min() >= -1 and self.material.max() < len(self.materials)):
+            raise MeshError(f"{where}material must have indices of `materials`, or −1 for none")
         _check_extent(self, where)
 
     def __repr__(self) -> str:
@@ -227,11 +224,7 @@ class Mesh:
 
 
 def unit_name(unit: str) -> str:
-    """Return the key of `UNIT_M` for any spelling of a unit.
-
-    Raises:
-        MeshError: the unit is unknown.
-    """
+    """Return the key of `UNIT_M` for any spelling of a unit. Raises MeshError: the unit is unknown."""
     name = UNIT_ALIAS.get(str(unit).strip().lower(), str(unit).strip().lower())
     if name not in UNIT_M:
         raise MeshError(no_such("unit of length", str(unit), UNIT_M))

@@ -7,8 +7,10 @@ import shutil
 import tempfile
 import warnings
 import weakref
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -30,11 +32,81 @@ from hapscene.scene.mesh import (
 from hapscene.scene.obj import read_obj
 from hapscene.scene.off import read_off
 from hapscene.scene.ply import add_look, declared_counts, ply_groups, strips_to_faces
-from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import declared_by, faces_in, step_glb
 from hapscene.scene.topology import edges_of, weld
 
-__all__ = ["FORMATS", "check", "files_of", "load_mesh"]
+__all__ = ["FORMATS", "FolderResources", "check", "files_of", "load_mesh"]
+
+# Access to the files that a mesh file refers to, such as the buffers of a glTF file or the materials of an OBJ file.
+#
+# Only files in the folder of the mesh file and below are opened, since an untrusted file may name any path. The class
+# implements the resolver interface of trimesh.
+
+
+class FolderResources:
+    """Reads files from the folder of a mesh file.
+
+    Args:
+        path: the mesh file. If it is a symbolic link, the folder of its target is searched before that of the link.
+        most_B: maximum total size of the files [bytes].
+
+    Attributes:
+        folders: folders that are searched.
+        found: files that were read.
+        missing: names that were not found.
+    """
+
+    def __init__(self, path: Path, most_B: int) -> None:
+        self._path, self._left_B = path, most_B
+        self.folders = list(dict.fromkeys((path.resolve().parent, path.parent.resolve())))
+        self.found: list[Path] = []
+        self.missing: list[str] = []
+
+    def get(self, name: str) -> bytes:
+        """Read a file by its name, a relative path or URI.
+
+        Raises:
+            MeshError: the file is not found, too large, or cannot be read.
+        """
+        file = self._find(name)
+        if file is None:
+            self.missing.append(name)
+            raise MeshError(_missing(self._path, name))
+        try:
+            self._left_B -= file.stat().st_size
+            if self._left_B < 0:
+                raise MeshError(f"{self._path}: too large: its file {file.name} exceeds the limit")
+            self.found.append(file)
+            return file.read_bytes()
+        except OSError as error:
+            raise MeshError(f"{file}: cannot be read: {error.strerror}") from None
+
+    __getitem__ = get
+
+    def _find(self, name: str) -> Path | None:
+        for spelling in _spellings(name):
+            for folder in self.folders:
+                try:
+                    file = (folder / spelling).resolve()
+                    if file.is_relative_to(folder) and file.is_file():
+                        return file
+                except (OSError, ValueError):  # not a valid file name
+                    continue
+        return None
+
+
+def _spellings(name: str) -> Iterator[str]:
+    """Yield possible names of a file; absolute paths from another computer are reduced to the file name."""
+    last = name.strip().replace("\\", "/").rpartition("/")[2]
+    yield from dict.fromkeys((name.strip(), unquote(name.strip()), last, unquote(last)))
+
+
+def _missing(path: Path, name: str) -> str:
+    return (
+        f"{path}: the file {name[:100]!r}, which it refers to, is not found: put it in the same folder, or export "
+        "everything into one file (other folders and web addresses are not opened)"
+    )
+
 
 # Checks on the bytes of a file come first: trimesh reads some truncated files without an error.
 
@@ -49,11 +121,7 @@ UNPACKED_MAX_B: Final = 250_000_000
 def check(suffix: str, content: bytes, where: str) -> int:
     """Check that a file matches its suffix, is complete, and does not declare more elements than it can hold.
 
-    Returns:
-        Number of faces that the file declares; 0 if it declares none.
-
-    Raises:
-        MeshError: the check fails.
+    Returns the number of faces that the file declares, 0 if it declares none. Raises MeshError if the check fails.
     """
     if suffix == "ply":
         return declared_counts(content, where).get("face", 0)

@@ -24,13 +24,10 @@ __all__ = ["LINE_MAX", "read_obj"]
 def read_obj(content: bytes, where: str, resolver: object) -> Part:
     """Read the triangles of an OBJ file. Polygons are divided into fans from their first corner, as in trimesh.
 
-    Args:
-        content: content of the file.
-        where: name of the file for messages.
-        resolver: returns the content of files beside it by name, as `trimesh.resolvers` do.
+    `resolver` returns the content of files beside it by name, as `trimesh.resolvers` do.
 
     Raises:
-        MeshError: an invalid line, or an index out of range.
+        MeshError: an invalid line, or an index out of range; `where` names the file.
     """
     reader = _Reader(where)
     for reader.line, tokens in _lines(content, where):

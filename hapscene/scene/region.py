@@ -1,7 +1,6 @@
-"""Regions select the part of a mesh to paint. All coordinates are in the frame of the body.
+"""Regions of space select the part of a mesh to paint; faces that a border cuts are subdivided, see `fine_paint`.
 
-A `Volume` subdivides the faces that it cuts (see `hapscene.scene.fine_paint`). `Region.pick` selects whole faces: those
-whose centroid is in the region.
+All coordinates are in the frame of the body.
 """
 
 import math
@@ -13,22 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError
-from hapscene.scene.mesh import Mesh
-from hapscene.scene.topology import connected, edges_of, weld
 
-__all__ = ["Box", "Facet", "PlaneSide", "Region", "Sphere", "Tube", "Volume"]
+__all__ = ["Box", "PlaneSide", "Region", "Sphere", "Tube"]
 
 
 class Region(ABC):
-    """Base class of regions: selects faces of a mesh."""
-
-    @abstractmethod
-    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Return the mask (M,) of the faces in this region."""
-
-
-class Volume(Region):
-    """A region of space that is defined by a signed distance function.
+    """Base class of regions: a signed distance function.
 
     Attributes:
         is_convex: whether the region is convex; then a triangle is inside if its corners are.
@@ -43,10 +32,6 @@ class Volume(Region):
         It is negative inside. Its magnitude must not exceed the true distance.
         """
 
-    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Return the mask (M,) of the faces in this region."""
-        return self.distance_m(np.asarray(mesh.triangles_m.mean(axis=1))) <= 0
-
 
 def _point(value: ArrayLike, what: str) -> NDArray[np.float64]:
     try:
@@ -59,7 +44,7 @@ def _point(value: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Box(Volume):
+class Box(Region):
     """A box that is aligned with the axes of the body frame, given by two corners [m].
 
     Raises:
@@ -80,7 +65,7 @@ class Box(Volume):
 
 
 @dataclass(frozen=True)
-class Sphere(Volume):
+class Sphere(Region):
     """A sphere, given by centre and radius [m].
 
     Raises:
@@ -101,7 +86,7 @@ class Sphere(Volume):
 
 
 @dataclass(frozen=True)
-class PlaneSide(Volume):
+class PlaneSide(Region):
     """A half-space, given by a point of its plane [m] and the normal that points into it, of any length.
 
     Raises:
@@ -123,7 +108,7 @@ class PlaneSide(Volume):
 
 
 @dataclass(frozen=True)
-class Tube(Volume):
+class Tube(Region):
     """A tube around a polyline, as a brush stroke covers it: points (n, 3) and radius [m].
 
     Raises:
@@ -153,44 +138,3 @@ class Tube(Volume):
             t = np.clip((points_m - a) @ ab / (ab @ ab or 1.0), 0, 1)
             np.minimum(away, np.linalg.norm(points_m - a - t[:, None] * ab, axis=1), out=away)
         return away - self.radius_m
-
-
-@dataclass(frozen=True)
-class Facet(Region):
-    """All faces that are connected with a start face over edges that bend by at most an angle.
-
-    For example, a flat side of a CAD part is one facet at 1°, and the barrel of a cylinder with 36 sides at 11°. Faces
-
-    Attributes:
-        face: index of the start face.
-        angle_rad: maximum angle between the normals of neighbouring faces [rad].
-
-    Raises:
-        SceneError: the angle is not between 0 and π.
-    """
-
-    face: int
-    angle_rad: float = math.radians(10.0)
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.angle_rad <= math.pi:
-            raise SceneError(f"facet: angle_rad must be from 0 to π, not {self.angle_rad}")
-
-    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Return the mask (M,) of the faces in this region.
-
-        Raises:
-            SceneError: the start face is not in the mesh.
-        """
-        if not 0 <= self.face < len(mesh.faces):
-            raise SceneError(
-                f"facet: start face {self.face} out of range; the mesh has faces 0 to {len(mesh.faces) - 1}"
-            )
-        pairs, agree = edges_of(mesh.faces, weld(mesh.vertices_m)).pairs()
-        normal = mesh.normals
-        # The angle between unit vectors from their chord: arccos of a product near 1 loses half the digits. The normal
-        # of a neighbour with opposite winding is reversed.
-        chord = np.linalg.norm(normal[pairs[:, 0]] - np.where(agree, 1.0, -1.0)[:, None] * normal[pairs[:, 1]], axis=1)
-        bend_rad = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
-        label = connected(pairs[bend_rad <= self.angle_rad + 1e-9], len(mesh.faces))
-        return np.asarray(label == label[self.face])

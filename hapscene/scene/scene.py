@@ -16,7 +16,7 @@ from hapscene.scene.fine_paint import paint_faces, paint_region
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
-from hapscene.scene.region import Region, Volume
+from hapscene.scene.region import Region
 from hapscene.scene.topology import volume_of
 from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
 
@@ -194,7 +194,7 @@ class Scene:
             SwatchError: the swatch is unknown or invalid.
         """
         painted = self.body(body)
-        if isinstance(where, Volume):
+        if isinstance(where, Region):
             index = self.swatch_index(swatch)
             return len(paint_region(painted, where, index, resolution_m=resolution_m, falloff_m=falloff_m))
         if falloff_m != 0:
@@ -339,8 +339,6 @@ def _faces(body: Body, where: object) -> NDArray[np.bool_]:
         return np.ones(count, np.bool_)
     if isinstance(where, str):
         return body.mesh.faces_of(where)
-    if isinstance(where, Region):
-        return where.pick(body.mesh)
     chosen = np.asarray(where)
     if chosen.dtype == np.bool_ and chosen.shape == (count,):
         return chosen

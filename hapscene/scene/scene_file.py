@@ -22,21 +22,22 @@ import base64
 import binascii
 import hashlib
 import json
-import math
 import os
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from hapscene.constants import SCENE_SUFFIX as SUFFIX
-from hapscene.errors import SceneError, warn
+from hapscene.errors import SceneError, no_such, warn
 from hapscene.io.files import Json, check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEVEL_MAX, SUBFACE_MAX, FinePaint, blend, parts, set_subfaces
@@ -198,7 +199,7 @@ def encode_paint(face_swatch: NDArray[np.int16]) -> list[list[int]] | str:
     return [[int(swatch), int(n)] for swatch, n in zip(face_swatch[start], length, strict=True)]
 
 
-def decode_paint(paint: object, face_count: int, swatch_count: int) -> NDArray[np.int16]:
+def decode_paint(paint: Sequence[tuple[int, int]] | str, face_count: int, swatch_count: int) -> NDArray[np.int16]:
     """Decode the paint (face_count,) of an untrusted file.
 
     Raises:
@@ -206,17 +207,15 @@ def decode_paint(paint: object, face_count: int, swatch_count: int) -> NDArray[n
     """
     if isinstance(paint, str):
         return _unpack(paint, face_count, swatch_count)
-    if not isinstance(paint, list):
-        raise ValueError(f"must be a list of runs or a packed string, not {str(paint)[:60]!r}")
-    for run in paint:
-        if not (type(run) is list and len(run) == 2 and type(run[0]) is int and type(run[1]) is int and run[1] > 0):
-            raise ValueError(f"must be a list of [swatch, number of faces], not {str(run)[:60]!r}")
-        if not 0 <= run[0] < swatch_count:
-            raise ValueError(f"swatch index {run[0]} out of range; expected 0 to {swatch_count - 1}")
-    total = sum(run[1] for run in paint)  # before memory of that size is allocated
+    for swatch, count in paint:
+        if count < 1:
+            raise ValueError(f"has a run of {count} faces; expected at least 1")
+        if not 0 <= swatch < swatch_count:
+            raise ValueError(f"swatch index {swatch} out of range; expected 0 to {swatch_count - 1}")
+    total = sum(count for _, count in paint)  # before memory of that size is allocated
     if total != face_count:
         raise ValueError(f"covers {total:,} faces, but the mesh has {face_count:,}")
-    return np.repeat([run[0] for run in paint], [run[1] for run in paint]).astype(np.int16)
+    return np.repeat([swatch for swatch, _ in paint], [count for _, count in paint]).astype(np.int16)
 
 
 def _unpack(text: str, face_count: int, swatch_count: int) -> NDArray[np.int16]:
@@ -383,75 +382,66 @@ def _content(scene: "Scene", files: SidecarFiles) -> dict[str, Json]:
     }
 
 
+class _MeshEntry(msgspec.Struct):
+    path: str
+    unit: str
+    sha256: str
+    face_count: int
+    up: str = "z"
+    scale: float = 1.0
+
+
+class _BodyEntry(msgspec.Struct):
+    name: str
+    mesh: int
+    two_sided: bool
+    pose: list[list[float]]
+    paint: list[tuple[int, int]] | str
+    made_of: int | None = None
+    fine: Any = None
+    parent: str | None = None
+
+
+class _SceneContent(msgspec.Struct):
+    swatches: Annotated[list[str], Meta(max_length=BODY_MAX)]
+    meshes: Annotated[list[_MeshEntry], Meta(max_length=BODY_MAX)]
+    bodies: Annotated[list[_BodyEntry], Meta(max_length=BODY_MAX)]
+
+
 def read_scene(scene: "Scene", path: Path, accept_changed: bool) -> None:
     """Fill an empty scene from a file; the implementation of `hapscene.load_scene`."""
-    content = _JsonValue(path, "", _parse(path))
-    if content.get("format", str) != FORMAT:
-        raise SceneError(f"{path}: not a scene file: format is {content.get('format', str)!r}, expected {FORMAT!r}")
-    version = content.get("version", int)
-    if not 1 <= version <= VERSION:
-        raise SceneError(f"{path}: format version {version} is not supported; expected 1 to {VERSION}: update hapscene")
+    content = _parse(path)
     with naming(path):
-        swatches = [_load_swatch(scene, item, path) for item in content.items("swatches", str)]
-        meshes = [_load_mesh(item, path, accept_changed) for item in content.items("meshes", dict)]
-        items = content.items("bodies", dict)
-        for item in items:
-            _load_body(scene, item, meshes, swatches)
-        for item, body in zip(items, scene.bodies, strict=True):
-            if "parent" in item.value:
-                try:
-                    scene.attach(body.name, item.get("parent", str))
-                except SceneError as error:
-                    raise item.fail(f"'parent': {error}") from None
+        swatches = [
+            scene.swatch_index(_resolve(path, name) if name.endswith(".swatch") else name) for name in content.swatches
+        ]
+        meshes = [_load_mesh(f"meshes[{i}]", entry, path, accept_changed) for i, entry in enumerate(content.meshes)]
+        for i, entry in enumerate(content.bodies):
+            _load_body(f"bodies[{i}]", scene, entry, meshes, swatches)
+        for i, entry in enumerate(content.bodies):
+            if entry.parent is not None:
+                with refusing(SceneError, f"bodies[{i}]: 'parent'"):
+                    scene.attach(scene.bodies[i].name, entry.parent)
 
 
-class _JsonValue:
-    """A JSON value and its location in the file, for error messages."""
-
-    def __init__(self, path: Path, where: str, value: Json) -> None:
-        self.path, self.where, self.value = path, where, value
-
-    def fail(self, problem: str) -> SceneError:
-        return SceneError(f"{self.path}: {self.where or 'file'}: {problem}")
-
-    def get(self, key: str, kind: type) -> Json:
-        """Return a member of an object, which must have exactly this type: a bool is not an integer."""
-        if not isinstance(self.value, dict) or key not in self.value:
-            raise self.fail(f"{key!r} is missing")
-        if type(self.value[key]) is not kind:
-            raise self.fail(f"{key!r} must be {_KIND[kind]}, not {str(self.value[key])[:60]!r}")
-        return self.value[key]
-
-    def index(self, key: str, count: int) -> int:
-        number = int(self.get(key, int))
-        if not 0 <= number < count:
-            raise self.fail(f"{key!r} must be an index from 0 to {count - 1}, not {number}")
-        return number
-
-    def items(self, key: str, kind: type) -> "list[_JsonValue]":
-        values = self.get(key, list)
-        if len(values) > BODY_MAX:
-            raise self.fail(f"{len(values):,} {key}, at most {BODY_MAX:,} are allowed")
-        items = [_JsonValue(self.path, f"{key}[{i}]", value) for i, value in enumerate(values)]
-        for item in items:
-            if type(item.value) is not kind:
-                raise item.fail(f"must be {_KIND[kind]}, not {str(item.value)[:60]!r}")
-        return items
-
-
-_KIND: Final = {str: "a string", int: "an integer", bool: "true or false", list: "a list", dict: "an object"}
-
-
-def _parse(path: Path) -> Json:
+def _parse(path: Path) -> _SceneContent:
     with refusing(SceneError):
         data = read_bytes(path, BYTES_MAX, "scene file")
     try:
         content = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise SceneError(f"{path}: not a valid scene file, or truncated: {error}") from None
-    if not isinstance(content, dict):
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise SceneError(f'{path}: not a scene file: expected a JSON object with "format": "{FORMAT}"')
-    return content
+    version = content.get("version")
+    if type(version) is not int or not 1 <= version <= VERSION:
+        raise SceneError(
+            f"{path}: format version {str(version)[:20]} is not supported; expected 1 to {VERSION}: update hapscene"
+        )
+    try:
+        return msgspec.convert(content, _SceneContent)
+    except msgspec.ValidationError as error:
+        raise SceneError(f"{path}: invalid scene file: {error}") from None
 
 
 def _resolve(path: Path, name: str) -> Path:
@@ -461,59 +451,53 @@ def _resolve(path: Path, name: str) -> Path:
     return own if path.is_symlink() and (exists(own) or not exists(link)) else link
 
 
-def _load_swatch(scene: "Scene", item: _JsonValue, path: Path) -> int:
-    name = item.value
-    return scene.swatch_index(_resolve(path, name) if name.endswith(".swatch") else name)
-
-
-def _load_mesh(item: _JsonValue, path: Path, accept_changed: bool) -> Mesh:
-    file, unit = _resolve(path, item.get("path", str)), item.get("unit", str)
-    if unit not in UNIT_M:
-        raise item.fail(f"unknown unit of length {unit[:60]!r}; expected one of: {', '.join(UNIT_M)}")
-    up, scale = item.value.get("up", "z"), item.value.get("scale", 1.0)  # since version 3
-    with refusing(SceneError, f"{path}: {item.where}"):
-        check_reading(up, scale)
-    mesh = load_mesh(file, unit, up=up, scale=scale)
-    if mesh.digest == item.get("sha256", str):
+def _load_mesh(where: str, entry: _MeshEntry, path: Path, accept_changed: bool) -> Mesh:
+    file = _resolve(path, entry.path)
+    if entry.unit not in UNIT_M:
+        raise SceneError(f"{where}: {no_such('unit of length', entry.unit[:60], UNIT_M)}")
+    with refusing(SceneError, where):
+        check_reading(entry.up, entry.scale)
+    mesh = load_mesh(file, entry.unit, up=entry.up, scale=entry.scale)
+    if mesh.digest == entry.sha256:
         return mesh
-    was, now = item.get("face_count", int), len(mesh.faces)
+    was, now = entry.face_count, len(mesh.faces)
     if was != now:
-        raise item.fail(
-            f"{file} has changed since the scene was saved: it had {was:,} faces and now has {now:,}, so the paint "
-            "does not fit; restore the old mesh, or add the new mesh to a new scene and paint it"
+        raise SceneError(
+            f"{where}: {file} has changed since the scene was saved: it had {was:,} faces and now has {now:,}, so the "
+            "paint does not fit; restore the old mesh, or add the new mesh to a new scene and paint it"
         )
     if not accept_changed:
-        raise item.fail(
-            f"{file} has changed since the scene was saved: it has the same number of faces ({now:,}) but different "
-            "vertices; restore the old mesh, or keep the paint with accept_changed=True (`hapscene paint "
+        raise SceneError(
+            f"{where}: {file} has changed since the scene was saved: it has the same number of faces ({now:,}) but "
+            "different vertices; restore the old mesh, or keep the paint with accept_changed=True (`hapscene paint "
             "--accept-changed`) and save again"
         )
     warn(f"{path}: {file} has changed since the scene was saved; the paint is kept", MeshWarning)
     return mesh
 
 
-def _load_body(scene: "Scene", item: _JsonValue, meshes: list[Mesh], swatches: list[int]) -> None:
-    mesh = meshes[item.index("mesh", len(meshes))]
-    pose = item.get("pose", list)
-    if not all(type(row) is list and all(type(x) in (int, float) and abs(x) < math.inf for x in row) for row in pose):
-        raise item.fail("'pose' must be a 4 × 4 matrix of finite numbers")
-    name, two_sided = item.get("name", str), item.get("two_sided", bool)
-    if "paint" not in item.value:
-        raise item.fail("'paint' is missing")
+def _load_body(where: str, scene: "Scene", entry: _BodyEntry, meshes: list[Mesh], swatches: list[int]) -> None:
+    mesh = meshes[_index(where, "mesh", entry.mesh, len(meshes))]
     try:
-        painting = decode_paint(item.value["paint"], len(mesh.faces), len(swatches))
+        painting = decode_paint(entry.paint, len(mesh.faces), len(swatches))
     except ValueError as error:
-        raise item.fail(f"'paint' {error}") from None
-    body = scene.add(mesh, name=name, pose=pose, two_sided=two_sided)
+        raise SceneError(f"{where}: 'paint' {error}") from None
+    body = scene.add(mesh, name=entry.name, pose=entry.pose, two_sided=entry.two_sided)
     body.face_swatch[:] = np.array(swatches, np.int16)[painting]
-    if "made_of" in item.value:
-        body.made_of = swatches[item.index("made_of", len(swatches))]
-    if "fine" in item.value:
+    if entry.made_of is not None:
+        body.made_of = swatches[_index(where, "made_of", entry.made_of, len(swatches))]
+    if entry.fine is not None:
         subfaces = sum(len(other.fine or ()) for other in scene.bodies)
         try:
-            set_subfaces(body, decode_fine(item.value["fine"], len(mesh.faces), swatches, SUBFACE_MAX - subfaces))
+            set_subfaces(body, decode_fine(entry.fine, len(mesh.faces), swatches, SUBFACE_MAX - subfaces))
         except ValueError as error:
-            raise item.fail(f"'fine' {error}") from None
+            raise SceneError(f"{where}: 'fine' {error}") from None
+
+
+def _index(where: str, key: str, index: int, count: int) -> int:
+    if not 0 <= index < count:
+        raise SceneError(f"{where}: {key!r} must be an index from 0 to {count - 1}, not {index}")
+    return index
 
 
 def _write_mesh(body: Body, files: SidecarFiles) -> dict[str, Json]:

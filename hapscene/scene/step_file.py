@@ -106,11 +106,7 @@ _FACE: Final = re.compile(rb"#(\d+)\s*=\s*(?:ADVANCED_FACE|FACE_SURFACE)\b", re.
 
 
 def declared_by(content: bytes, where: str) -> Declared:
-    """Analyse the text of a STEP file.
-
-    Raises:
-        MeshError: not a STEP file, or truncated.
-    """
+    """Analyse the text of a STEP file. Raises MeshError: not a STEP file, or truncated."""
     if not content.lstrip().startswith(b"ISO-10303-21"):
         raise MeshError(f"{where}: not a valid STEP file: it must begin with ISO-10303-21")
     if b"END-ISO-10303-21" not in content[-1000:]:

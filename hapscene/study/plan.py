@@ -244,11 +244,7 @@ def _check_block(where: str, block: Block, stimuli: dict[str, Stimulus]) -> None
 
 
 def check_name(where: str, value: str) -> str:
-    """Check a name that is written to the results file, and return it.
-
-    Raises:
-        StudyError: an invalid name.
-    """
+    """Check a name that is written to the results file, and return it. Raises StudyError: an invalid name."""
     try:
         return msgspec.convert(value, _Name)
     except msgspec.ValidationError:

@@ -267,14 +267,8 @@ class ResultsFile:
 
 
 def load_rows(path: Path) -> list[dict[str, str]]:
-    """Read the complete rows of a results file, by column. A writer may have the file open.
-
-    Raises:
-        StudyError: the file is missing, or is not a results file.
-
-    Warns:
-        UserWarning: an incomplete last row was skipped.
-    """
+    """Read the complete rows of a results file, by column. A writer may have the file open; an incomplete last row
+    is skipped with a UserWarning. Raises StudyError: the file is missing, or is not a results file."""
     with refusing(StudyError), naming(path):
         content = read_bytes(path, RESULTS_MAX_B, "file of results")
         complete = _complete_rows(content)

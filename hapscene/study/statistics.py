@@ -96,15 +96,8 @@ def analyse(folder: str | Path) -> Analysis:
 
 
 def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
-    """Analyse answers to a plan.
-
-    Args:
-        plan: the plan.
-        rows: answers by column, as in `hapscene.study.session`.
-
-    Raises:
-        StudyError: the answers belong to another plan, or a field is out of range.
-    """
+    """Analyse answers to a plan, by column. Raises StudyError: they belong to another plan, or a field is out of
+    range."""
     _check(plan, rows)
     findings: list[Finding] = []
     for block in plan.blocks:
@@ -176,9 +169,7 @@ UNITS: Final = {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "
 def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 0.0) -> Estimate:
     """Mean of the population with Student's interval; unbounded for a single participant.
 
-    Args:
-        values: value of each participant.
-        step: step to which answers are rounded. If all participants give equal values, the spread of rounding is used.
+    If all participants give equal values, the spread of rounding to `step` is used.
     """
     mean = float(np.mean(values))
     if len(values) < 2:
@@ -208,13 +199,8 @@ def _choices(block: ChoiceBlock, rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def verdict(estimate: Estimate, margin: float, quantity: str) -> str:
-    """State the result of a comparison.
-
-    Args:
-        estimate: estimate of the difference.
-        margin: largest difference that counts as equivalent; 0 disables the test of equivalence.
-        quantity: name of the quantity.
-    """
+    """State the result of a comparison, from the estimate of a difference. Differences up to `margin` count as
+    equivalent; 0 disables that test."""
     apart = estimate.low > 0.0 or estimate.high < 0.0
     most = max(abs(estimate.low), abs(estimate.high))
     if most < margin:

@@ -52,11 +52,7 @@ def write_report(folder: Path, path: Path) -> None:
 
 
 def report(folder: Path) -> str:
-    """The HTML page that `write_report` writes.
-
-    Raises:
-        StudyError: the folder does not belong to a study, has no answers, or has answers that do not fit its plan.
-    """
+    """The HTML page that `write_report` writes, with the same errors."""
     analysis, rows = analyse(folder), load_rows(folder / RESULTS)
     if not rows:
         raise StudyError(f"{folder}: the study has no answers yet")

@@ -14,8 +14,8 @@ from typing import Final
 from hapscene.errors import HapsceneError
 from hapscene.io.files import Json
 from hapscene.study.plan import Plan
-from hapscene.study.playing import OutputPlayer
 from hapscene.study.session import Session
+from hapscene.study.stimulus import OutputPlayer
 from hapscene.study.trial_order import Trial, trials
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.server import PageConnection, WebServer

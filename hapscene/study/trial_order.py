@@ -159,14 +159,7 @@ class Staircase:
     """One staircase: `level` is the next level to play, `add` takes the answer."""
 
     def __init__(self, levels: Sequence[float]) -> None:
-        """Begin with a uniform prior.
-
-        Args:
-            levels: levels that can be played, ascending, above 0.
-
-        Raises:
-            StudyError: questplus is not installed.
-        """
+        """Begin with a uniform prior for levels above 0, ascending. Raises StudyError: questplus is not installed."""
         self._levels = np.asarray(levels, dtype=np.float64)
         self._thresholds = np.geomspace(max(float(levels[0]), 1e-3 * float(levels[-1])), float(levels[-1]), THRESHOLDS)
         self._quest = questplus_module().QuestPlus(
@@ -214,11 +207,7 @@ class Staircase:
 
 
 def questplus_module() -> Any:
-    """Import the module questplus.
-
-    Raises:
-        StudyError: it is not installed.
-    """
+    """Import the module questplus. Raises StudyError: it is not installed."""
     try:
         import questplus
     except ImportError:

@@ -36,13 +36,9 @@ def new_chart(
     *,
     layout: Literal["constrained"] | None = "constrained",
 ) -> Iterator["Figure"]:
-    """Context manager: create a figure in the common style, without a window.
+    """Context manager: create a figure of this size [in] in the common style, without a window.
 
-    Args:
-        width_in, height_in: size [in].
-        title: title of the figure.
-        style: matplotlib rc parameters that override `CHART_STYLE`.
-        layout: layout engine of matplotlib; None for fixed positions.
+    `style` has rc parameters of matplotlib that override `CHART_STYLE`; without a layout engine, positions are fixed.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -55,11 +51,7 @@ def new_chart(
 
 
 def save_chart(figure: "Figure", path: str | Path, dpi: int = 110, dark: bool = False) -> Path:
-    """Write a figure as PNG. With `dark`, convert it to a dark background first; the conversion modifies the figure.
-
-    Raises:
-        OSError: the folder is missing or cannot be written.
-    """
+    """Write a figure as PNG. With `dark`, convert it to a dark background first; the conversion modifies the figure."""
     if dark:
         turn_dark(figure)
     with whole_file(path) as part:
@@ -78,12 +70,8 @@ def dark_twin(path: Path) -> Path:
 
 
 def picture(path: str, alt: str) -> str:
-    """Return HTML for a chart from `save_both`, which shows its light or dark version.
-
-    Args:
-        path: path of the light version, relative to the page.
-        alt: description of the chart for screen readers.
-    """
+    """Return HTML for a chart from `save_both`, light or dark, with a description `alt`; `path` is relative to the
+    page."""
     stem, dot, suffix = path.rpartition(".")
     return f"""<picture>
   <source media="(prefers-color-scheme: dark)" srcset="{stem}-dark{dot}{suffix}">
@@ -92,14 +80,10 @@ def picture(path: str, alt: str) -> str:
 
 
 def inline_svg(figure: "Figure", name: str) -> str:
-    """Return a figure as an SVG element for an HTML page, for light and dark backgrounds.
+    """Return a figure as an SVG element for an HTML page, for light and dark backgrounds. The result is deterministic.
 
     Greys use the CSS function `light-dark()`, so the page must declare `color-scheme: light dark`. Text remains text.
-    The result is deterministic.
-
-    Args:
-        figure: the figure, drawn for a light background.
-        name: unique name on the page, which makes the ids in the SVG unique.
+    The name, unique on the page, makes the ids in the SVG unique.
     """
     from matplotlib import rc_context
 

@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.render.recording import Recording
-from hapscene.view.body_triangles import scene_solids
-from hapscene.view.camera import facing, pose_of
-from hapscene.view.feel_layer import Show
+from hapscene.view.feel_layer import Show, scene_solids
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
-from hapscene.view.triangles import Shown, Triangles, joined, lathe, moved, tube
+from hapscene.view.triangles import Shown, Triangles, facing, joined, lathe, moved, pose_of, tube
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -126,15 +124,7 @@ def make_figure_parts(
     piece_ticks: NDArray[np.int64],
     show: Show = "both",
 ) -> FigureParts:
-    """Create the parts of a picture.
-
-    Args:
-        scene: scene with bodies at their poses.
-        recording: the touch, or None.
-        theme: colours of background and text.
-        piece_ticks: ticks at which path segments end, ascending (p,).
-        show: visible layers of the bodies.
-    """
+    """Create the parts of a picture; segments of the path end at `piece_ticks`, ascending (p,)."""
     solids = scene_solids(scene, show)
     corner_m = np.concatenate([solid.corner_m for solid in solids])
     low_m, high_m = corner_m.min(axis=0), corner_m.max(axis=0)

@@ -9,10 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.camera import facing, fit_cameras, pose_of
 from hapscene.view.palette import rgb
 from hapscene.view.shadows import SUN, ZENITH, DepthPicture, Shadows
-from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
+from hapscene.view.triangles import Drawing, Shown, Triangles, facing, fit_cameras, joined, moved, pose_of, same
 
 __all__ = ["render", "without_viewer"]
 

@@ -232,11 +232,7 @@ def envelope(
 
 
 def write_hand_plot(result: "ClosedLoopResult", path: str | Path, title: str = "", dark: bool = False) -> None:
-    """Write a PNG plot of heights, forces, accelerations and motor work over time.
-
-    Raises:
-        OSError: the folder is missing or cannot be written.
-    """
+    """Write a PNG plot of heights, forces, accelerations and motor work over time."""
     save_chart(draw_hand_plot(result, title), path, DPI, dark)
 
 

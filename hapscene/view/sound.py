@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
 
-__all__ = ["FADE_S", "PEAK_DBFS", "write_sound"]
+__all__ = ["FADE_S", "PEAK_DBFS", "write_sound", "write_wave"]
 
 PEAK_DBFS: Final = -1.0
 """Level of the loudest sample [dBFS], with headroom for resampling."""
@@ -21,27 +22,27 @@ FADE_S: Final = 0.005
 def write_sound(recording: Recording, path: str | Path) -> float:
     """Write the acceleration of a recording as WAV: mono, 16 bit, with its sample rate.
 
-    Args:
-        recording: the recording.
-        path: file to write.
-
     Returns:
         Acceleration at full scale [m/s²]; 0 if the recording is silent.
 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    a_m_s2 = recording.a_m_s2.ravel()
+    return write_wave(recording.a_m_s2.ravel(), recording.a_rate_Hz, path)
+
+
+def write_wave(a_m_s2: NDArray[np.float64], rate_Hz: float, path: str | Path) -> float:
+    """Write an acceleration (n,) [m/s²] as `write_sound`."""
     peak_m_s2 = float(np.abs(a_m_s2).max(initial=0.0))
     full_scale_m_s2 = peak_m_s2 / 10 ** (PEAK_DBFS / 20)
     signal = a_m_s2 / full_scale_m_s2 if peak_m_s2 > 0 else np.zeros_like(a_m_s2)
-    fade_count = min(round(FADE_S * recording.a_rate_Hz), len(signal) // 2)
+    fade_count = min(round(FADE_S * rate_Hz), len(signal) // 2)
     ramp = np.linspace(0.0, 1.0, fade_count, endpoint=False)
     signal[:fade_count] *= ramp
     signal[len(signal) - fade_count :] *= ramp[::-1]
     with whole_file(path) as part, wave.open(str(part), "wb") as file:
         file.setnchannels(1)
         file.setsampwidth(2)
-        file.setframerate(round(recording.a_rate_Hz))
+        file.setframerate(round(rate_Hz))
         file.writeframes(np.rint(signal * 32767).astype("<i2").tobytes())
     return full_scale_m_s2

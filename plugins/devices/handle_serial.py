@@ -5,8 +5,7 @@ from typing import Any, Final
 from hapscene.device.driver import Driver, Option
 from hapscene.device.serial_port import find_ports
 from hapscene.errors import HandleError
-from hapscene.handle.live_board import LiveBoard
-from hapscene.handle.serial_handle import SerialWire
+from hapscene.handle.board import LiveBoard, SerialWire
 from hapscene.io.files import refusing
 from hapscene.io.wire.port import BAUD
 

@@ -7,9 +7,8 @@ import pytest
 import trimesh
 
 from hapscene.cli import app, main
-from hapscene.cli.inputs import UNITS, check_scene
+from hapscene.cli.inputs import UNITS, base_name, check_scene, check_there
 from hapscene.cli.options import MeshOptions
-from hapscene.cli.paths import base_name, check_there
 from hapscene.errors import HapsceneError, MeshError
 from hapscene.scene import mesh
 from tests.cli.command_lines import all_commands

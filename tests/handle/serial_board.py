@@ -16,10 +16,21 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.handle.board import (
+    BUFFER,
+    EMPTY,
+    LIMITED,
+    LINE_COUNT,
+    LIVE,
+    RUN,
+    RUN_MAX,
+    START,
+    STATE,
+    WATCHDOG_EXPIRED,
+    WATCHDOG_MS,
+)
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, RUN_MAX, WATCHDOG_EXPIRED, WATCHDOG_MS
 from hapscene.handle.plant import Plant
-from hapscene.handle.serial_handle import BUFFER, LINE_COUNT, START, STATE
 from hapscene.io.wire.protocol import LINE_MAX, WRAP, Column, Header, checksum, sample_line
 from tests.header_line import header_line
 from tests.simulated_port import simulated_port, simulator_parser

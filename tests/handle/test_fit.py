@@ -10,9 +10,8 @@ import pytest
 from hapscene.errors import HandleError
 from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, asymptote, identify, sampled_response
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
-from hapscene.handle.measure import Sweep
+from hapscene.handle.measure import Response, Sweep, estimate_response
 from hapscene.handle.plant import Plant
-from hapscene.handle.response import Response, estimate_response
 
 RATE_HZ = 10_000.0
 

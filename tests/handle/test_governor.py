@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, chirp, sosfilt
 
 from hapscene.handle import COMPENSATORS, Plant, play
-from hapscene.handle.playback import PlaybackResult
+from hapscene.handle.handle_loop import PlaybackResult
 from hapscene_evidence.bench.handle import PARAMETERS, firm
 
 RATE_HZ = 10_000.0

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hapscene.handle import COMPENSATORS, Plant, play, spectrogram_error
 from hapscene.handle.compensator import weights
 from hapscene.handle.handle_dynamics import grip_handle
+from hapscene.handle.handle_loop import run
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.playback import run
 from hapscene_evidence.bench.handle import PARAMETERS, firm
 
 RATE_HZ = 10_000.0

@@ -12,14 +12,13 @@ import pytest
 from scipy.signal import resample_poly
 
 from hapscene.errors import HandleError
+from hapscene.handle.board import EMPTY, LIMITED, LIVE, RUN, START, LiveBoard, live_start
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import save_handle
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, LiveBoard, live_start
+from hapscene.handle.handle_loop import spectrogram_error
 from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
-from hapscene.handle.playback import spectrogram_error
-from hapscene.handle.serial_handle import START
 from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer
 from tests.header_line import header_line

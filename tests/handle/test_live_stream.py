@@ -10,10 +10,10 @@ from scipy.signal import freqz
 
 from hapscene.errors import HandleError
 from hapscene.handle.handle_dynamics import amplify
+from hapscene.handle.handle_loop import play
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.live_stream import FADE_S, PHASES, QUICK, LiveStream, filter_table
 from hapscene.handle.plant import Plant
-from hapscene.handle.playback import play
 
 RATE_HZ = 10_000.0
 CARD_HZ = 48_000.0

@@ -9,8 +9,7 @@ import pytest
 from hapscene.errors import HapsceneError
 from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, identify
 from hapscene.handle.force_source import SimulatedSource
-from hapscene.handle.handle_file import load_handle
-from hapscene.handle.identification_report import describe_lines, modelled, write_result
+from hapscene.handle.handle_file import describe_lines, load_handle, modelled, write_result
 from hapscene.handle.measure import GripRecording, Sweep, load_grip, load_grips, play_grips
 from hapscene.handle.plant import Plant
 

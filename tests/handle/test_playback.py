@@ -1,14 +1,11 @@
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import wavfile
 
 from hapscene.errors import HandleError
 from hapscene.handle import Plant, play, spectrogram_error
 from hapscene.handle.governor import LOOK_AHEAD_S
-from hapscene.handle.playback import write_wave
 from hapscene_evidence.bench import handle as bench
 
 RATE_HZ = bench.RATE_HZ
@@ -95,12 +92,3 @@ def test_invalid_arguments_are_refused() -> None:
         play(np.zeros(9), 1000.0)
     with pytest.raises(HandleError, match="acceleration_m_s2"):
         play(np.zeros((2, 9)), RATE_HZ)
-
-
-def test_a_wave_file_times_its_scale_is_the_acceleration(tmp_path: Path) -> None:
-    acceleration = 3.0 * np.sin(np.arange(1000) * 0.1)
-    full_m_s2 = write_wave(acceleration, 5000.0, tmp_path / "a.wav")
-    rate, wave = wavfile.read(tmp_path / "a.wav")
-    assert rate == 5000 and np.abs(wave).max() < 32767
-    np.testing.assert_allclose(wave / 32767 * full_m_s2, acceleration, atol=1e-3)
-    assert write_wave(np.zeros(100), 5000.0, tmp_path / "b.wav") == 0.0

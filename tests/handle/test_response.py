@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import coherence, csd, lfilter, welch
 
 from hapscene.errors import HandleError
-from hapscene.handle.response import Response, estimate_response
+from hapscene.handle.measure import Response, estimate_response
 
 RATE_HZ = 2000.0
 

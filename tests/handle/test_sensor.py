@@ -11,11 +11,10 @@ from hapscene.errors import HandleError
 from hapscene.handle import Plant, Sensor, identify, play, spectrogram_error
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_dynamics import delay, set_delay
-from hapscene.handle.handle_loop import command_force, learn
+from hapscene.handle.handle_loop import command_force, learn, run
 from hapscene.handle.handle_record import DELAY_LINE, new_handle
 from hapscene.handle.measure import Sweep, play_grips
 from hapscene.handle.plant import ACCELEROMETER_HZ
-from hapscene.handle.playback import run
 from hapscene.records import records
 from hapscene_evidence.bench import handle as bench
 

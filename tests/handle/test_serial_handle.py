@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle import serial_handle as port_module
+from hapscene.handle import board as port_module
+from hapscene.handle.board import SerialSource
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
-from hapscene.handle.serial_handle import SerialSource
 from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer, serve
 from tests.header_line import header_line

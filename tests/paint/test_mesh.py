@@ -1,4 +1,4 @@
-"""Picking against another ray tracer; the bucket against the region that a script paints with."""
+"""Picking against another ray tracer; facets of a cube and a cylinder."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from hapscene.paint.model.mesh import (
     project_to_surface,
 )
 from hapscene.paint.model.session import Session
-from hapscene.scene.region import Facet
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
 from .conftest import hit_at, make_scene, mesh_of, plate_mesh
@@ -71,12 +71,35 @@ def test_nearest_of_several_bodies_is_hit(tmp_path) -> None:
         assert pick(scene.bodies, session.shapes, np.zeros(3), bad) is None
 
 
-@pytest.mark.parametrize("angle_rad", [0.0, 0.05, 0.2, 1.6, 3.14])
-def test_facets_are_those_of_regions(angle_rad: float) -> None:
-    for mesh in (plate_mesh(cells=2), mesh_of(icosphere(subdivisions=2)), mesh_of(annulus(0.01, 0.02, 0.015))):
-        shape = PaintableMesh(mesh)
-        for face in (0, len(mesh.faces) // 2):
-            np.testing.assert_array_equal(shape.facet(face, angle_rad), Facet(face, angle_rad).pick(mesh))
+def facet(mesh: Mesh, face: int, angle_rad: float) -> np.ndarray:
+    return PaintableMesh(mesh).facet(face, angle_rad)
+
+
+def test_facet_of_a_cube() -> None:
+    cube = mesh_of(box((2, 2, 2)))
+    for face in range(12):
+        side = facet(cube, face, np.radians(1.0))
+        assert side.sum() == 2
+        np.testing.assert_allclose(cube.normals[side], cube.normals[[face]].repeat(2, axis=0), atol=1e-15)
+        assert facet(cube, face, np.pi / 2).all()
+
+
+def test_facet_of_a_cylinder() -> None:
+    barrel_mesh = mesh_of(cylinder(radius=1, height=3, sections=36))
+    barrel = np.abs(barrel_mesh.normals[:, 2]) < 0.5
+    start = int(np.flatnonzero(barrel)[0])
+    np.testing.assert_array_equal(facet(barrel_mesh, start, np.radians(11.0)), barrel)
+    assert facet(barrel_mesh, start, np.radians(9.0)).sum() == 2
+
+
+def test_facet_crosses_seams_and_reversed_faces() -> None:
+    cube = mesh_of(box((2, 2, 2)))
+    soup = Mesh(cube.triangles_m.reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert facet(soup, 0, 0.01).sum() == 2
+    faces = cube.faces.copy()
+    other = int(np.flatnonzero(facet(cube, 0, 0.01))[1])
+    faces[other] = faces[other][::-1]
+    assert facet(Mesh(cube.vertices_m, faces), 0, 0.01).sum() == 2
 
 
 # The brush: what it reaches, against its definition; walls and edges.

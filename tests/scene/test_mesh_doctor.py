@@ -6,8 +6,7 @@ import trimesh
 
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.mesh_doctor import examine, repair
-from hapscene.scene.mesh_report import length
+from hapscene.scene.mesh_doctor import examine, length, repair
 from hapscene.scene.mesh_structure import height_of
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)

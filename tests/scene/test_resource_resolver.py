@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.resource_resolver import FolderResources
+from hapscene.scene.mesh_file import FolderResources, load_mesh
 
 BESIDE = ("data.bin", "my%20data.bin", "my data.bin", "deep/more.bin", "./data.bin", "../elsewhere/data.bin")
 

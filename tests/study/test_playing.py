@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HapsceneError, StudyError
+from hapscene.handle.handle_loop import play
 from hapscene.handle.plant import Plant
-from hapscene.handle.playback import play
 from hapscene.study.plan import Stimulus
-from hapscene.study.playing import TIMEOUT_S, _Samples, handle_player, headphone_player
-from hapscene.study.stimulus import StimulusMaker
+from hapscene.study.stimulus import TIMEOUT_S, StimulusMaker, _Samples, handle_player, headphone_player
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import BEGIN_NS, VirtualClock
 

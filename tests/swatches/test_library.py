@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -285,9 +286,8 @@ def test_commands(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert cli.main(["swatch", "list"]) == 0
     assert "is empty" in capsys.readouterr().out
     assert cli.main(["swatch", "add", str(tmp_path / "oak.swatch"), "--name", "oak, oiled"]) == 0
-    assert cli.main(["swatch", "list", "--json"]) == 0
-    listed = json.loads(capsys.readouterr().out.partition("\n")[2])
-    assert {row["name"]: row["from"] for row in listed}["oak, oiled"] == "library"
+    assert cli.main(["swatch", "list"]) == 0
+    assert re.search(r"^oak, oiled +library ", capsys.readouterr().out, re.MULTILINE)
     assert cli.main(["swatch", "show", "oak, oiled"]) == 0
     printed = capsys.readouterr().out
     assert (
@@ -330,8 +330,6 @@ def test_search_by_tool(home: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert ["tool" in row for row in index] == [True, False, True]  # omitted if unknown
     assert cli.main(["swatch", "search", "tool:probe"]) == 0
     assert "(steel probe, 3.2 mm ball)" in capsys.readouterr().out
-    assert cli.main(["swatch", "list", "--json"]) == 0
-    assert {"steel probe", "finger", ""} == {row["tool"] for row in json.loads(capsys.readouterr().out)}
     assert cli.main(["swatch", "show", "probed"]) == 0
     printed = capsys.readouterr().out
     assert "  tool        steel probe\n" in printed and "  tip         3.2 mm ball\n" in printed

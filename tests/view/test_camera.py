@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.view.camera import MARGIN, facing, fit_cameras, orbit, visible_size
+from hapscene.view.triangles import MARGIN, facing, fit_cameras, orbit, visible_size
 
 
 @pytest.mark.parametrize("size", [(800, 600), (300, 900)])

@@ -7,8 +7,8 @@ import trimesh
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.view.legend import NAME_MAX, Legend, LegendEntry, entries_of, length_text, measures_of, round_down
 from hapscene.view.palette import LIGHT, rgb
+from hapscene.view.picture import NAME_MAX, Legend, LegendEntry, entries_of, length_text, measures_of, round_down
 
 
 def inked(legend: Legend, measures: list[LegendEntry]) -> np.ndarray:

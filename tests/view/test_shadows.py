@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hapscene.view.camera import facing, fit_cameras, pose_of
 from hapscene.view.shadows import DARK, SUN, SUN_RAD, ZENITH, DepthPicture, Shadows
+from hapscene.view.triangles import facing, fit_cameras, pose_of
 
 HALF_M = 0.1
 """Half of the side of the plate [m]."""

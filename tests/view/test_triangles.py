@@ -8,8 +8,7 @@ from PIL import Image
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.view.body_triangles import scene_solids
-from hapscene.view.feel_layer import OPACITY
+from hapscene.view.feel_layer import OPACITY, scene_solids
 from hapscene.view.triangles import LATHE_SIDES, Triangles, joined, lathe, moved, same, tube
 
 

@@ -14,7 +14,7 @@ from hapscene.constants import SKIN_RATIO
 from hapscene.contact.embree import Search, first_face, fronts_only, new_ray
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.region import Tube, Volume
+from hapscene.scene.region import Region, Tube
 from hapscene.scene.topology import connected, edges_of, normals_of, weld
 
 __all__ = [
@@ -32,7 +32,7 @@ FACING_RAD: Final = math.radians(80.0)
 edge stays on its side of the edge and never reaches the back of a wall; the noise of a scan leaves no holes."""
 
 BEND_ROUNDING_RAD: Final = 1e-9
-"""Tolerance added to the angle of a facet [rad], as in `hapscene.scene.region.Facet`."""
+"""Tolerance added to the angle of a facet [rad]."""
 
 
 class PaintableMesh:
@@ -106,7 +106,7 @@ class PaintableMesh:
         facing = (turned >= math.cos(FACING_RAD)).any(axis=1) | ~self.normal[near].any(axis=1)
         return np.union1d(near[facing], faces)
 
-    def near(self, region: Volume) -> NDArray[np.int64]:
+    def near(self, region: Region) -> NDArray[np.int64]:
         """Faces (n,) that a region in B may intersect, ascending."""
         slack_m = 1e-9 * self.mesh.diagonal_m  # includes faces in a boundary plane of the region
         return np.flatnonzero(region.distance_m(self.centroid_m) < self.reach_m + slack_m)
@@ -118,7 +118,7 @@ class PaintableMesh:
         return np.array([1.0 - v - w, v, w])
 
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
-        """Mask (M,) of the faces connected with a face over edges that bend by at most an angle; see `region.Facet`."""
+        """Mask (M,) of the faces connected with a face over edges that bend by at most an angle."""
         label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
         return np.asarray(label == label[face])
 

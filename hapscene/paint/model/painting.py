@@ -27,7 +27,7 @@ from hapscene.paint.model.visibility import Visibility
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, set_subfaces
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.region import Volume
+from hapscene.scene.region import Region
 from hapscene.scene.scene import Scene
 
 __all__ = ["ERASE", "UNUSED_MESHES_MAX", "Changes", "Painting", "drop_unused_meshes", "set_default_swatch"]
@@ -288,7 +288,7 @@ class Painting:
     def paint_region(
         self,
         body: int,
-        region: Volume,
+        region: Region,
         faces: NDArray[np.integer] | None = None,
         falloff_m: float = 0.0,
         opacity: float = 1.0,

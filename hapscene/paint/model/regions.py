@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
-from hapscene.scene.region import Volume
+from hapscene.scene.region import Region
 
 __all__ = ["OrientedBox", "Outline"]
 
 
 @dataclass(frozen=True, eq=False)
-class OrientedBox(Volume):
+class OrientedBox(Region):
     """A box in any orientation.
 
     Attributes:
@@ -31,7 +31,7 @@ class OrientedBox(Volume):
 
 
 @dataclass(frozen=True, eq=False)
-class Outline(Volume):
+class Outline(Region):
     """The cone behind a closed line on the screen.
 
     Attributes:

@@ -22,7 +22,7 @@ from hapscene.paint.model.regions import OrientedBox
 from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.model.tuning import SwatchTuning
 from hapscene.scene.fine_paint import parts
-from hapscene.scene.region import Sphere, Volume
+from hapscene.scene.region import Region, Sphere
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX
 from hapscene.surface.swatch import Swatch, SwatchLike
@@ -33,7 +33,7 @@ FILLS: Final = ("facet", "whole body", "material", "same swatch")
 """What the fill tool fills from a point."""
 
 FACET_RAD: Final = math.radians(10.0)
-"""Default angle of a facet for the fill tool [rad], as in `hapscene.scene.region.Facet`."""
+"""Default angle of a facet for the fill tool [rad]."""
 
 
 class Session:
@@ -241,7 +241,7 @@ class Session:
     def fill_region(
         self,
         where: str,
-        region_of: Callable[[NDArray[np.float64]], Volume],
+        region_of: Callable[[NDArray[np.float64]], Region],
         swatch: int | str,
         *,
         eye_W_m: ArrayLike | None = None,

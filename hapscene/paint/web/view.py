@@ -16,11 +16,10 @@ from hapscene.paint.model.mesh import Hit, project_to_surface
 from hapscene.paint.model.painting import Changes, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
-from hapscene.view.camera import facing
 from hapscene.view.feel_layer import OPACITY, Show, grain_of
 from hapscene.view.figure_parts import STYLUS, TOOL_LENGTH, TOOL_R_WT
 from hapscene.view.palette import FORCE, LIGHT, OKABE_ITO, distinct_colours, linear, rgb
-from hapscene.view.triangles import lathe
+from hapscene.view.triangles import facing, lathe
 
 __all__ = ["VIEWS", "Pointer", "SceneView", "ToolMarks", "rgb_bytes", "rotation"]
 

@@ -14,8 +14,8 @@ from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.omni import Omni, stand
 from hapscene.device.sim.point import PointMass
 from hapscene.dsp.spectrogram import spectrogram_error
+from hapscene.handle.handle_loop import play
 from hapscene.handle.plant import ACCELEROMETER_HZ, Plant, Sensor
-from hapscene.handle.playback import play
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer

@@ -15,9 +15,8 @@ import pytest
 
 from hapscene.errors import ViewError
 from hapscene.view import offscreen
-from hapscene.view.camera import fit_cameras, orbit
 from hapscene.view.offscreen import draw, platforms, started_ahead
-from hapscene.view.triangles import Drawing, Frame, lathe
+from hapscene.view.triangles import Drawing, Frame, fit_cameras, lathe, orbit
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("usb", reason="no pyusb: extra `usb`")
 
 from hapscene.errors import HandleError
-from hapscene.handle import live_board
+from hapscene.handle import board as live_board
 from hapscene.handle.live_process import compensator_of, open_output, play_recording
 from hapscene.handle.live_stream import LiveStream
 from hapscene_plugins.devices.handle_usb import DRIVER

@@ -144,7 +144,7 @@ import sys, time
 from pathlib import Path
 from hapscene.handle.live_process import open_output
 from hapscene.study.plan import load_plan
-from hapscene.study.playing import headphone_player
+from hapscene.study.stimulus import headphone_player
 from hapscene.study.stimulus import StimulusMaker, all_stimuli
 from hapscene.study.trial_order import trials
 plan = load_plan(sys.argv[1])
