@@ -383,7 +383,9 @@ def test_table_of_bodies_is_freed_when_another_replaces_it():
     renderer = hapscene.Renderer(built, ["wall"])
     tables = []
     for number in range(3):
-        built.add(trimesh.creation.icosphere(1, radius=0.05), name=f"ball {number}", unit="m", pose=translation([1, 0, 0]))
+        built.add(
+            trimesh.creation.icosphere(1, radius=0.05), name=f"ball {number}", unit="m", pose=translation([1, 0, 0])
+        )
         renderer.repaint(built)
         tables.append(weakref.ref(renderer.world.bodies))
     gc.collect()
