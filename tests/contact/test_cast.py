@@ -9,39 +9,6 @@ from hapscene.contact.cast import cast
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 
 
-def test_stop_is_one_skin_above_the_face(world):
-    w = world(BOX)
-    stop = cast(w, (0.01, 0.02, 0.03), (0.01, 0.02, -0.01))
-    skin = w.bodies[0].skin_m
-    assert 0.03 - stop * 0.04 == pytest.approx(skin, rel=1e-6)
-    proxy = w.proxy[0]
-    assert proxy.count == 1
-    np.testing.assert_array_equal(proxy.nhat_W[0], (0, 0, 1))
-    assert (proxy.offset_m[0], proxy.skin_m[0], proxy.body[0]) == (0.0, skin, 0)
-
-
-@pytest.mark.parametrize(
-    ("origin", "goal"),
-    [
-        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.01)),  # ends before the face
-        ((0.2, 0.0, 0.01), (-0.2, 0.0, 0.01)),  # passes by
-        ((0.0, 0.0, -0.01), (0.0, 0.0, 0.03)),  # from inside through a one-sided face
-        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03)),  # no motion
-    ],
-)
-def test_free_cast_reaches_the_goal(world, origin, goal):
-    w = world(BOX)
-    assert cast(w, origin, goal) == 2.0
-    assert w.proxy[0].count == 0
-
-
-def test_two_sided_face_stops_from_inside_and_faces_inwards(world):
-    w = world(BOX, two_sided=True)
-    assert cast(w, (0.0, 0.0, -0.01), (0.0, 0.0, 0.03)) == pytest.approx(0.25, abs=1e-3)
-    np.testing.assert_array_equal(w.proxy[0].nhat_W[0], (0, 0, -1))
-    assert w.proxy[0].side[0] == -1.0
-
-
 def test_back_face_is_passed_and_next_front_face_stops(world):
     other = BOX.copy()
     other.apply_translation((0, 0, 0.1))
@@ -49,15 +16,6 @@ def test_back_face_is_passed_and_next_front_face_stops(world):
     stop = cast(w, (0.0, 0.0, -0.01), (0.0, 0.0, 0.09))
     assert -0.01 + 0.1 * stop == pytest.approx(0.08, abs=1e-5)
     np.testing.assert_array_equal(w.proxy[0].nhat_W[0], (0, 0, -1))
-
-
-def test_nearest_of_several_bodies_wins_in_either_order(world):
-    far = BOX.copy()
-    far.apply_translation((0, 0, -0.1))
-    for meshes, body in (((far, BOX), 1), ((BOX, far), 0)):
-        w = world(*meshes)
-        assert cast(w, (0.0, 0.0, 0.1), (0.0, 0.0, -0.2)) == pytest.approx(1 / 3, abs=1e-4)
-        assert (w.proxy[0].count, w.proxy[0].body[0]) == (1, body)
 
 
 def test_face_at_a_grazing_angle_stops(world):

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.crossing import BLOCKED, PAST, SETTLED, UNKNOWN, cross_edges, lies_over_planes
-from hapscene.contact.planes import nearest
 from hapscene.contact.proxy import move_proxy, place_proxy
 from hapscene.contact.world import build_world
 from hapscene.scene.scene import Scene
@@ -70,38 +68,6 @@ def height_over(z, p):
     return p[:, 2] - np.where(u >= v, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
 
 
-def on_the_first_slope(world):
-    """Return the arguments of `cross_edges` for a proxy near the ridge and a tool beyond it."""
-    glide(world, (-0.001, 0, 0.01), (-0.001, 0.0, -0.002))
-    tool = (0.001, 0.0, -0.002)
-    proxy = world.proxy[0]
-    proxy.met[:] = 0
-    found, goal = nearest(proxy, tool, 1.0)
-    assert found
-    assert lies_over_planes(world, goal) == PAST
-    return tuple(proxy.p_W_m), tool, goal
-
-
-@pytest.mark.parametrize("angle_deg", [0.01, 5.0, 40.0, -0.5])
-def test_proxy_settles_beyond_the_edge(angle_deg) -> None:
-    world = world_of(roof(angle_deg))
-    p, tool, goal = on_the_first_slope(world)
-    outcome, place = cross_edges(world, p, tool, goal)
-    assert outcome == SETTLED and world.proxy[0].count == 1 and world.proxy[0].face[0] in (0, 1)
-    n = np.array([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
-    assert n @ place == pytest.approx(world.bodies[0].skin_m, rel=1e-9)
-
-
-def test_body_on_the_edge_blocks_the_proxy() -> None:
-    wall = trimesh.creation.box(bounds=[[0.0002, -0.02, 0.0], [0.0004, 0.02, 0.02]])
-    world = world_of(roof(0.0), wall)
-    p, tool, goal = on_the_first_slope(world)
-    outcome, place = cross_edges(world, p, tool, goal)
-    assert outcome == BLOCKED and world.proxy[0].body[0] == 1 and place[0] < 0.0002
-    assert move_proxy(world, tool)
-    assert world.proxy[0].p_WP_m[0] == pytest.approx(0.0002, abs=1e-9)
-
-
 def ground(z) -> trimesh.Trimesh:
     """Return a grid of heights (n, n) over 0.1 m by 0.1 m, with cells split from the first to the third corner."""
     n = len(z)
@@ -131,16 +97,6 @@ def test_jump_over_a_slot_ends_on_the_far_side() -> None:
     np.testing.assert_allclose(found, [[0.006, 0.001, 0.0], [-0.0088, 0.001, 0.0]], rtol=0.0, atol=1e-9)
 
 
-def test_without_adjacency_nothing_changes() -> None:
-    world = world_of(roof(5.0), known=False)
-    p, tool, goal = on_the_first_slope(world)
-    before = world.proxy[0].copy()
-    assert cross_edges(world, p, tool, goal) == (UNKNOWN, p)
-    after = world.proxy[0]
-    assert (after.count, after.face[0], after.offset_m[0]) == (before.count, before.face[0], before.offset_m[0])
-    np.testing.assert_array_equal(after.nhat_W[0], before.nhat_W[0])
-
-
 def test_degenerate_faces_do_not_hold_the_proxy() -> None:
     """Between the slopes lies a strip below the resolution of the search, or one of width 0."""
     strip = 2e-7
@@ -153,21 +109,3 @@ def test_degenerate_faces_do_not_hold_the_proxy() -> None:
         found = glide(world, (-0.003, 0, 0.01), *tools)
         np.testing.assert_allclose(found, tools * [1, 1, 0], atol=1e-9)
         assert world.proxy[0].face[0] in (4, 5)
-
-
-def test_many_faces_at_a_corner_use_at_most_four_planes() -> None:
-    """The tool is pressed and moved in a funnel of many faces."""
-    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    rim = np.c_[0.05 * np.cos(angle), 0.05 * np.sin(angle), 0.03 * np.ones(24)]
-    vertices = np.r_[[[0.0, 0.0, 0.0]], rim]
-    k = np.arange(24)
-    faces = np.c_[np.zeros(24, int), 1 + k, 1 + (k + 1) % 24]
-    world = world_of(trimesh.Trimesh(vertices, faces, process=False))
-    rng = np.random.default_rng(0)
-    place_proxy(world, (0.0, 0.0, 0.02))
-    for tool in rng.normal(scale=2e-4, size=(3000, 3)).cumsum(axis=0) * [1, 1, 0] - [0, 0, 0.004]:
-        move_proxy(world, tuple(tool))
-        proxy = world.proxy[0]
-        assert proxy.count <= 4 and np.isfinite(proxy.p_WP_m).all()
-        r = np.hypot(*proxy.p_WP_m[:2])
-        assert proxy.p_WP_m[2] >= 0.6 * r * np.cos(np.pi / 24) - 2e-5

@@ -61,21 +61,6 @@ def test_contact_point_moves_between_shapes_without_a_step(two_sided: bool) -> N
     assert np.abs(np.diff(np.concatenate(depth))).max() < 2e-4  # at most 0.75 mm per frame; 0.13 mm at an edge
 
 
-def test_rising_surface_pushes_the_proxy() -> None:
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        renderer, vertices = ball()
-        way = random.normal(size=3)
-        at = 0.052 * way / np.linalg.norm(way)  # 2 mm above the surface
-        renderer.reset(at)
-        for size in np.linspace(1.0, 1.2, 12):  # 1 cm in 0.2 s
-            renderer.deform("liver", size * vertices)
-            felt = renderer.run(np.tile(at, (TICKS_A_FRAME, 1)))
-        felt = renderer.run(np.tile(at, (60, 1)))
-        radius = np.linalg.norm(felt.p_WP_m[-1])
-        assert felt.touching.all() and 0.0592 < radius < 0.06 + 1e-9
-
-
 def test_moving_body_deforms() -> None:
     renderer, vertices = ball()
     bodies = renderer.moving_bodies(["liver"])

@@ -3,7 +3,6 @@
 from itertools import combinations
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -21,49 +20,6 @@ def held_by(normals, offsets, skin_m: float = 1e-6):
         proxy.skin_m[i] = skin_m
     proxy.count = len(offsets)
     return proxy
-
-
-CORNER = held_by(np.eye(3), np.zeros(3))
-
-
-@pytest.mark.parametrize(
-    ("goal", "closest"),
-    [
-        ((-1.0, -2.0, -3.0), (0.0, 0.0, 0.0)),
-        ((-1.0, -2.0, 3.0), (0.0, 0.0, 3.0)),
-        ((-1.0, 2.0, 3.0), (0.0, 2.0, 3.0)),
-        ((1.0, 2.0, 3.0), (1.0, 2.0, 3.0)),
-    ],
-)
-def test_corner_of_three_planes_is_exact(goal, closest):
-    assert nearest(CORNER, goal, 0.0) == (True, closest)
-
-
-def test_planes_are_moved_out_by_skins():
-    found, p = nearest(CORNER, (-0.1, -0.2, -0.3), 1.0)
-    assert found
-    np.testing.assert_allclose(p, (1e-6, 1e-6, 1e-6), rtol=1e-9)
-
-
-@pytest.mark.parametrize("angle_deg", [60.0, 20.0, 10.0, 1.0, 0.1, 0.01])
-def test_wedge_of_two_planes_is_exact_however_flat(angle_deg):
-    half = np.radians(angle_deg) / 2
-    proxy = held_by([[np.sin(half), 0, np.cos(half)], [-np.sin(half), 0, np.cos(half)]], [0.0, 0.0])
-    found, p = nearest(proxy, (0.0, 0.03, -0.01), 0.0)
-    assert found
-    np.testing.assert_allclose(p, (0.0, 0.03, 0.0), atol=1e-6)
-
-
-def test_duplicate_plane_counts_once():
-    found, p = nearest(held_by([[0, 0, 1.0], [0, 0, 1.0], [1.0, 0, 0]], [0.0, 0.0, 0.0]), (-1.0, 0.5, -1.0), 0.0)
-    assert found
-    assert p == (0.0, 0.5, 0.0)
-
-
-def test_infeasible_planes_are_reported():
-    found, p = nearest(held_by([[0, 0, 1.0], [0, 0, -1.0]], [0.1, 0.1]), (0.0, 0.0, 0.0), 0.0)
-    assert not found
-    assert p == (0.0, 0.0, 0.0)
 
 
 vectors = st.tuples(*[st.floats(-1, 1, allow_subnormal=False)] * 3)

@@ -71,18 +71,6 @@ def test_with_velocities_motion_continues_for_the_horizon() -> None:
     np.testing.assert_allclose(Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2], 2.0 * t, atol=1e-12)
 
 
-def test_steady_motion_is_not_interrupted_by_a_frame() -> None:
-    line, way = Line(), []
-    for k in range(100):
-        if k % 20 == 0:
-            line.send(k, (1e-4 * k, 0, 0), v=(0.1, 0, 0), w=(0, 0, 2.0))
-            line.frames[0].X_WB[:3, :3] = Rotation.from_rotvec([0, 0, 2e-3 * k]).as_matrix()
-        way.append(line.tick(k))
-    np.testing.assert_allclose(np.diff([X[0, 3] for X in way]), 1e-4, atol=1e-12)
-    turned = Rotation.from_matrix([X[:3, :3] for X in way]).as_rotvec()[:, 2]
-    np.testing.assert_allclose(np.diff(turned), 2e-3, atol=1e-12)
-
-
 @pytest.mark.parametrize("late", [0, 5])
 def test_push_accelerates_by_mass_and_inertia(late: int) -> None:
     """A steady force off the centre that no frame contains yet; also with a delayed frame."""

@@ -63,15 +63,6 @@ def test_sharp_edges_of_a_box():
     np.testing.assert_allclose(rounded, np.sign(corner) / math.sqrt(3.0), atol=1e-12)
 
 
-def test_round_side_and_sharp_rim_of_a_cylinder():
-    mesh = Mesh.from_trimesh(trimesh.creation.cylinder(radius=0.03, height=0.04, sections=24), "m")
-    shade, corner = corner_normals(mesh, math.radians(30.0)), mesh.vertices_m[mesh.faces]
-    cap = np.ptp(corner[:, :, 2], axis=1) == 0.0
-    np.testing.assert_allclose(shade[cap], np.sign(corner[cap]) * (0, 0, 1), atol=1e-12)
-    side = corner[~cap] * (1, 1, 0)
-    assert angle(shade[~cap], side / np.linalg.norm(side, axis=2)[..., None]).max() < math.radians(4.0)
-
-
 def circle(radius_m: float, count: int = 4000) -> np.ndarray:
     t = np.linspace(0.1, 3.0, count)
     return radius_m * np.c_[np.cos(t), np.sin(t), 0.2 * np.sin(3 * t)]

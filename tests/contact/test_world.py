@@ -91,20 +91,6 @@ def test_ball_of_a_moving_body_contains_its_sweep(angle_rad):
     assert tuple(np.round(to_world(body, to_body(body, (1.0, 2.0, 3.0))), 9)) == (1.0, 2.0, 3.0)
 
 
-def test_corners_have_full_precision():
-    mesh = Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05), "m")
-    scene = Scene()
-    scene.add(mesh)
-    np.testing.assert_array_equal(build_world(scene.bodies).corners_m, mesh.vertices_m[mesh.faces])
-
-
-def test_records_are_zero_and_have_their_fields_as_attributes():
-    rows = records(2, BODY)
-    assert rows[1].skin_m == 0.0
-    rows[1].p_WB_m[2] = 3.0
-    assert rows.p_WB_m[1, 2] == 3.0
-
-
 def test_pushing_body_respects_the_plane_limit(world):
     """Four planes may be left by a tick that did not settle: a pushing body makes room before it adds its own."""
     from hapscene.contact.planes import copy_plane
