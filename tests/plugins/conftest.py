@@ -1,14 +1,12 @@
-"""Test bench for a single effect: computes outputs from contacts, compiled as in the tick, or interpreted."""
+"""Test bench for a single effect: computes outputs from contacts, compiled as in the tick."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import FunctionType
 from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.dispatcher import Dispatcher
 
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.dsp.noise import seeded_state
@@ -39,16 +37,6 @@ def play(address, rows, params, table, states, outs):
     """Call the effect at an address once per row."""
     for i in range(len(rows)):
         call_effect(address, rows[i], params, 0, table, states, 0, outs[i])
-
-
-def interpreted(function: Any) -> Callable[..., Any]:
-    """The Python behind a compiled function, and behind all that it calls."""
-    function = getattr(function, "py_func", function)
-    names = dict(function.__globals__)
-    for name in function.__code__.co_names:
-        if isinstance(names.get(name), Dispatcher):
-            names[name] = interpreted(names[name])
-    return FunctionType(function.__code__, names)
 
 
 @dataclass
@@ -83,21 +71,11 @@ class Bench:
         return self.effect.table(swatch, self.rate_Hz) if self.effect.table else np.empty(0)
 
     def run(self, rows: np.ndarray, outs: np.ndarray | None = None) -> np.ndarray:
-        """Compiled. Outputs (n,) OUTPUT, added to `outs` where given."""
+        """Outputs (n,) OUTPUT, added to `outs` where given."""
         outs = np.zeros(len(rows), OUTPUT) if outs is None else outs
         address = compile_effect(self.effect)
         play(address, rows, self.p.view(np.uint8), self.table, self.s.view(np.uint8), outs)
         return outs
-
-    def interpret(self, rows: np.ndarray) -> np.ndarray:
-        """The same in plain Python."""
-        outs = np.zeros(len(rows), OUTPUT).view(np.recarray)
-        rows, p, s = rows.view(np.recarray), self.p.view(np.recarray)[0], self.s.view(np.recarray)[0]
-        render = interpreted(self.effect.render)
-        with np.errstate(over="ignore"):  # the random numbers wrap around on purpose
-            for row, out in zip(rows, outs, strict=True):
-                render(row, p, self.table, s, out)
-        return outs.view(np.ndarray)
 
     def samples(self, rows: np.ndarray) -> np.ndarray:
         """The acceleration channel as one signal (n · block,) [m/s²]."""

@@ -42,20 +42,6 @@ def test_the_force_is_conservative(bench, ticks):
         assert work_J == pytest.approx(potential_J(a) - potential_J(b), abs=1e-10)
 
 
-def test_there_is_no_hysteresis(bench, ticks):
-    p = np.column_stack((np.linspace(-0.02, 0.02, 401), np.full((401, 2), 0.001)))
-    f = forces(bench, ticks, np.vstack((p, p[::-1])))
-    assert f[:401].tobytes() == f[:400:-1].tobytes() and np.abs(f).max() > 0.4
-
-
-def test_the_effect_moves_with_its_body(bench, ticks):
-    one = bench(EFFECT, settings={"points_m": POINTS[2:]})
-    one.table[:12] = [0, -1, 0, 1, 0, 0, 0, 0, 1, 0.5, 0.0, 0.0]  # its point is at (0.4, 0, 0) of W
-    rows = ticks(1, p_WT_m=(0.4, 0.005, 0.0))
-    rows["tick"] = 1000
-    np.testing.assert_allclose(one.run(rows)["f_W_N"][0], (0.0, -K * 0.005 * 0.75**2, 0.0), atol=1e-12)
-
-
 def test_without_points_it_is_refused(bench):
     with pytest.raises(EffectError, match=r"'magnet' needs points_m, \(n, 3\)"):
         bench(EFFECT)

@@ -122,21 +122,6 @@ def test_the_forces_move_with_the_body():
     np.testing.assert_allclose(f, X[:3, :3] @ first, atol=1e-9)
 
 
-def test_the_forces_are_independent_of_the_body_pose():
-    """The same path into a rotated body gives the same rotated forces."""
-    R = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = R * np.sign(np.linalg.det(R)), (0.3, -0.2, 0.1)
-    way = np.column_stack((np.linspace(0.0, 0.004, 300), np.linspace(0.0, -0.002, 300), np.linspace(0.0501, 0.03, 300)))
-    f, g = (np.zeros((300, 3)) for _ in range(2))
-    straight, askew = arm(), arm()
-    for k, p in enumerate(way):
-        f[k] = straight.step(p).f_W_N
-        g[k] = askew.step(X[:3, :3] @ p + X[:3, 3], {"skin": X}).f_W_N
-    assert askew.surface.touch[0].inside == 1 and np.abs(f[-1, :2]).min() > 0.1
-    np.testing.assert_allclose(g, f @ X[:3, :3].T, atol=1e-6)
-
-
 def test_the_number_of_punctured_bodies_is_limited(bench, ticks):
     """The drag is that of all punctured bodies; a further surface does not break."""
     one = bench(EFFECT, Swatch("skin", effects={"puncture": BREAKS}))

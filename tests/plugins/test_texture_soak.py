@@ -115,12 +115,3 @@ def test_walks_through_opposite_models(bench, ticks, interpolation: str) -> None
     for mode in (0, 1, 2):
         whole, window, peak = soak(bench, ticks, [adversary(interpolation)], mode, 20_000)
         assert abs(whole) < 1.0 and window < 3.0 and peak < 6.0
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("mode", [0, 1, 2])
-@pytest.mark.parametrize("names", CASES, ids=["+".join(case) for case in CASES])
-def test_a_million_ticks(bench, ticks, names: list[str], mode: int) -> None:
-    whole, window, peak = soak(bench, ticks, [steady(name) for name in names], mode, 1_000_000, seed=1)
-    print(f"\n{'+'.join(names)}, walk {mode}: {whole:+.2f} dB, widest window {window:.2f} dB, peak {peak:.1f} σ")
-    assert abs(whole) < 1.0 and window < 3.0 and peak < 12.0

@@ -27,10 +27,6 @@ def test_plate_pushes_outward(bench, ticks):
     np.testing.assert_allclose(f, [0.0, 0.0, 1.05], rtol=1e-15)
 
 
-def test_a_leaving_tool_is_not_held_back(bench, ticks):
-    assert not force(bench, ticks, 3.0, normal_force_N=0.1, depth_rate_m_s=-0.5).any()
-
-
 def test_no_force_without_contact(bench, ticks):
     assert not force(bench, ticks, 3.0, touching=0, normal_force_N=1.0, depth_rate_m_s=1.0).any()
 

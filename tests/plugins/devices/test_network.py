@@ -155,16 +155,8 @@ def test_closing_sends_zero_force_and_bye(client: Client) -> None:
     assert client.receive().kind == BYE
 
 
-def test_mangled_packets_give_no_force(device: Any, client: Client) -> None:
-    beat(device, client, 2_000)
-
-
-@pytest.mark.soak
-def test_very_many_mangled_packets(device: Any, client: Client) -> None:
-    beat(device, client, 100_000)
-
-
-def beat(device: Any, client: Client, count: int) -> None:
+@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.soak)])
+def test_mangled_packets_give_no_force(device: Any, client: Client, count: int) -> None:
     """One bit or more of a good FRAME is wrong: the checksum fails, and no state is accepted."""
     client.hello()
     rng = random.Random(3)

@@ -59,23 +59,6 @@ def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monke
         assert pointer.state.buttons[0] == 1
 
 
-def test_touch_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
-    with connected(link, monkeypatch) as pointer:
-        link.press(0, (0.0, 0.0, 0.0), UP, UP, 0.002)
-        walk(pointer, 100)
-        link.lift(0)
-        assert walk(pointer, 1)[0, 2] == CLEAR_M
-
-
-def test_a_repeated_position_is_ignored(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
-    with connected(link, monkeypatch) as pointer:
-        link.press(0, (0.0, 0.0, 0.0), UP, UP, 0.001)
-        before = walk(pointer, 200)[-1]
-        for _ in range(10):
-            link.beat()
-            assert walk(pointer, 30) == pytest.approx(np.tile(before, (30, 1)), abs=1e-9)
-
-
 def test_a_touch_from_the_side_comes_and_goes_along_the_line_of_sight(
     link: PointerLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,14 +113,6 @@ def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.Mon
         speed = np.concatenate(speed_m_s[-20:])
         speed = speed[np.isfinite(speed)]
         assert speed == pytest.approx(0.1, rel=0.02)
-
-
-def test_lag_behind_a_hand_is_small(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
-    with connected(link, monkeypatch) as pointer:
-        for k in range(200):
-            link.press(0, (4e-4 * k, 0.0, 0.0), UP, UP, 0.001)
-            last = walk(pointer, 4)[-1, 0]
-        assert (4e-4 * 199 - last) / 0.1 < 0.022  # [s], at 0.1 m/s
 
 
 def test_touch_ends_with_the_application(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -161,17 +161,8 @@ for _ in range(60):
 
 
 @case
-def test_mangled_frames_give_neither_force_nor_hang(case: Case, emulate) -> None:
-    beat(case, emulate, 2_000)
-
-
-@case
-@pytest.mark.soak
-def test_very_many_mangled_frames(case: Case, emulate) -> None:
-    beat(case, emulate, 100_000)
-
-
-def beat(case: Case, emulate: Any, count: int) -> None:
+@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.soak)])
+def test_mangled_frames_give_neither_force_nor_hang(case: Case, count: int, emulate) -> None:
     """Half of the frames mangled: of a device that is not ready no force, of any a place that can be, and no hang."""
     emulated = emulate(case.name)
     options, device, reopened, worst_s = case.filled(emulated.place, ready=False), None, 0, 0.0

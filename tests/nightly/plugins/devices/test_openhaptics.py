@@ -16,10 +16,9 @@ from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
 from hapscene_plugins.devices.openhaptics import DRIVER, OpenHapticsConnection
 from hapscene_plugins.devices.openhaptics_library import ERRORS
-from tests.nightly.plugins.devices.vendor_desk import Desk, desk, emulator
+from tests.nightly.plugins.devices.vendor_desk import Desk, emulator
 from tests.virtual_clock import StillClock
 
-__all__ = ["desk"]
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="the driver's callback is compiled")
 
 TURN = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # x right, y up, z towards the user → x right, y away, z up
@@ -242,16 +241,6 @@ def test_mutated_returns(desk, device):
     assert rows["force"][~bad].any() and np.isfinite(rows["force"]).all()
 
 
-def test_state_can_be_in_shared_memory(desk, device):
-    """As the servo puts it into memory that the application sees."""
-    desk.set(position=(1.0, 2.0, 3.0))
-    device.state = elsewhere = device.state.copy()
-    serve(device, 1.0)
-    gone(desk)
-    device.check()
-    assert np.allclose(elsewhere.p_DT_m, (0.001, -0.003, 0.002)) and elsewhere.ready == 1
-
-
 def test_disconnected_device_is_detected(desk, device):
     serve(device, 1.0)
     device.check()
@@ -307,15 +296,6 @@ def test_errors_of_the_library_are_reported(desk, function):
     with pytest.raises(DeviceError, match="HD_INVALID_LICENSE"), connect() as device:
         serve(device, 1.0)
     assert desk.started == 0 and not desk.rows()["force"].any()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"), [({"rate": "9000"}, "HD_INVALID_VALUE"), ({"priority": "70000"}, "0 to")]
-)
-def test_options_that_are_wrong(desk, options, message):
-    lay(desk)
-    with pytest.raises(DeviceError, match=message):
-        connect(**options)
 
 
 def test_library_is_searched_in_the_standard_locations(desk, monkeypatch, tmp_path):
