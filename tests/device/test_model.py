@@ -17,7 +17,6 @@ from hapscene.device.model import (
     DELAY_TICKS_MAX,
     DEVICES,
     IDEAL,
-    Device,
     DeviceWarning,
     Limits,
     damping_for,
@@ -31,7 +30,6 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.stability.rig import Rig
-from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch
 
 REAL = ("omni", "phantom-1.0", "premium-1.5")
@@ -151,16 +149,6 @@ def test_walls_at_the_limit_rest_after_a_brisk_tap(name, delay, damped):
     assert np.cumsum(felt.work_J).max() < 2e-3
 
 
-def test_wall_far_above_the_stable_stiffness_oscillates():
-    """Control for the test above."""
-    point = PointMass(0.045, 0.1)
-    bare = Device("bare", point, Limits())
-    K = wall_limit(bare, 1e-3, 0, damped=False)[0]
-    assert np.abs(tap(point, K, 0.0, 0).v_W_m_s[-400:]).max() < 5e-3
-    assert np.abs(tap(point, 20.0 * K, 0.0, 0).v_W_m_s[-400:]).max() > 5e-2
-    assert np.abs(tap(DEVICES["omni"].point, 5000.0, 0.0, 2).v_W_m_s[-400:]).max() > 5e-2
-
-
 def tap(point: PointMass, K: float, B: float, delay: int):
     twin = Rig(point, 1e-3, delay, stiffness_N_m=K, damping_Ns_m=B).twin
     twin.reset((0.031, -0.017, 0.0005), (0.0, 0.0, -0.5))
@@ -235,42 +223,6 @@ def test_tuning_is_clipped_too():
         renderer.tune("oak", stiffness_N_m=200.0)
     assert renderer.clips == ()
     assert felt_N_m(renderer) == pytest.approx(200.0, rel=1e-9)
-
-
-def test_damping_is_clipped_and_reported():
-    limits = replace(limits_of("omni", 1e-3), passivity_Ns_m=0.0)
-    with pytest.warns(DeviceWarning, match=r"'tar': damping_Ns_m of 40 N·s/m"):
-        renderer = hapscene.Renderer(scene(Swatch("tar", damping_Ns_m=40.0)), ["wall"], limits=limits)
-    renderer.reset([0.0, 0.0, 0.001])
-    force = renderer.run([[0, 0, -0.001], [0, 0, -0.0012]]).f_W_N[-1, 2]
-    assert force == pytest.approx(500.0 * 0.0012 + limits.damping_Ns_m * 0.2, rel=1e-6)
-
-
-def test_a_stiff_wall_gets_the_required_damping():
-    limits = replace(limits_of("phantom-1.0", 1e-3), passivity_Ns_m=0.0)
-    assert limits.undamped_N_m < 400.0 < limits.stiffness_N_m
-    renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=400.0)), ["wall"], limits=limits)
-    given = {(clip.swatch, clip.number): clip.given for clip in renderer.clips}
-    added = limits.damping_time_s * (400.0 - limits.undamped_N_m)
-    assert given["oak", "damping_Ns_m"] == pytest.approx(added) and added > 0.0
-    assert ("oak", "stiffness_N_m") not in given
-    renderer.reset([0.0, 0.0, 0.001])
-    force = renderer.run([[0, 0, -0.001], [0, 0, -0.0012]]).f_W_N[-1, 2]
-    assert force == pytest.approx(400.0 * 0.0012 + added * 0.2, rel=1e-6)
-
-
-def _spring(touch, p, table, s, out):
-    out.f_W_N[2] += p.stiffness_N_m * touch.depth_m
-
-
-def test_an_effect_without_damper_is_limited_to_the_undamped_stiffness():
-    limits = limits_of("phantom-1.0", 1e-3)
-    stiffness = Param("stiffness_N_m", 900.0, "N/m", "how hard")
-    spring = Effect("spring", "A spring of its own.", _spring, params=(stiffness,))
-    with pytest.warns(DeviceWarning):
-        renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=400.0)), [spring], limits=limits)
-    assert {clip.given for clip in renderer.clips if clip.swatch == "oak"} == {limits.undamped_N_m}
-    assert felt_N_m(renderer) == pytest.approx(limits.undamped_N_m, rel=1e-9)
 
 
 def test_a_device_or_limits():

@@ -70,21 +70,6 @@ def test_the_observer_counts_what_was_sent_and_when():
         assert made_J(renderer) == pytest.approx(made, rel=1e-5)
 
 
-def test_friction_and_dampers_leave_no_credit():
-    """Energy that was taken is not set off against what is given later."""
-    swatch = Swatch("w", stiffness_N_m=800.0, damping_Ns_m=2.0, friction_static=0.8, friction_dynamic=0.7)
-    renderer = hapscene.Renderer(scene(swatch), ["wall", "friction"], limits=WATCHING)
-    stroke = down(np.full(400, 1e-3))
-    stroke[:, 0] = np.linspace(-0.02, 0.02, 400)
-    renderer.reset(down(np.array([-1e-3]))[0])
-    renderer.run(stroke)
-    before = made_J(renderer)
-    assert before >= 0.0
-    leave = stroke[-1] + np.array([[0.0, 0.0, 1e-3]]) * np.array([[0.0], [1.0], [2.0]])  # in one step
-    renderer.run(leave)
-    assert made_J(renderer) > before + 0.3e-3  # ½K d²: the force was held all the way out
-
-
 def test_nothing_is_made_of_a_body_that_lifts_the_tool():
     """A platform that carries the tool up does work on it, and that is no fault of the rendering."""
     X = np.tile(np.eye(4), (400, 1, 1))

@@ -1,7 +1,6 @@
 """The search for the level of detail of a scene."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +18,6 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
 from .conftest import scene_of
-
-MESHES = Path(__file__).parents[3] / "shared/data/meshes"
 
 
 def painted(kind="sphere"):
@@ -162,49 +159,3 @@ def test_a_scene_without_contact():
         scene.add(replace(mesh, faces=mesh.faces[:, ::-1]), name="inside out", swatch="wood")
     with pytest.raises(HapsceneError, match="cannot touch"):
         tune.tune(scene)
-
-
-def foreign(name):
-    """Scenes of others' meshes and of primitives, painted with shipped swatches, a hand's size."""
-    scene = hapscene.Scene()
-
-    def add(mesh, swatch, x_m=0.0):
-        pose = np.eye(4)
-        pose[0, 3] = x_m
-        mesh = mesh.copy()
-        mesh.apply_scale(0.12 / mesh.scale)
-        mesh.units = "m"
-        return scene.add(mesh, name=f"body {len(scene.bodies)}", swatch=swatch, pose=pose)
-
-    make = trimesh.creation
-    if name == "demo":
-        return hapscene.load_scene(Path(__file__).parents[2] / "assets/demo.scene.json")
-    if name == "primitives":
-        add(make.icosphere(subdivisions=6), "wood")
-        add(make.capsule(0.1, 0.03, count=[200, 200]), "paper", 0.2)
-        add(make.cylinder(0.04, 0.05, sections=256), "leather", 0.4)
-        return scene
-    if name == "knot":
-        body = add(make.torus(0.05, 0.015, major_sections=256, minor_sections=128), "wood")
-        scene.paint(body.name, "leather", body.mesh.triangles_m.mean(axis=1)[:, 0] > 0)
-        return scene
-    file = {"duck": "Duck.glb", "fandisk": "fandisk.obj", "cycloidal": "cycloidal.ply"}[name]
-    if not (MESHES / file).exists():
-        pytest.skip("no ../shared")
-    add(
-        trimesh.load_mesh(MESHES / file, process=False),
-        {"duck": "leather", "fandisk": "paper", "cycloidal": "epoxy"}[name],
-    )
-    if name == "duck":
-        add(make.icosphere(subdivisions=5), "wood", 0.2)
-    return scene
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", ["demo", "fandisk", "cycloidal", "duck", "knot", "primitives"])
-def test_various_scenes(name):
-    found = tune.tune(foreign(name))
-    print(name, dict(found.before), dict(found.after))
-    assert found.within_jnd
-    needs = [found.after[what] / found.before[what] for what in ("memory_B", "tick_median_us")]
-    assert min(needs) <= 0.5

@@ -16,7 +16,6 @@ from hapscene.motion.look_from_above import (
 )
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.surface.swatch import Swatch
 
 
 def posed(x_m: float = 0.0, z_m: float = 0.0, turn: float = 0.0) -> np.ndarray:
@@ -113,14 +112,3 @@ def test_narrow_region_has_no_line_or_a_complete_line(width: int, line: tuple[fl
     lines = lines_of(view_of(PLAIN, seen), 0, WINDOW)
     along_x = [(start[0], end[0]) for start, end in lines if start[1] == end[1]]
     assert along_x == ([] if line is None else [line]) and len(lines) == 1 + len(along_x)
-
-
-def test_borders_of_paint_are_found_on_a_mesh() -> None:
-    scene = Scene()
-    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.06, 0.01)).subdivide().subdivide(), "m"), name="plate")
-    centre = scene.bodies[0].mesh.triangles_m.mean(axis=1)
-    scene.paint("plate", Swatch("rough"), np.flatnonzero(centre[:, 0] > 0))
-    (((first, second), size_m),) = places_to_feel(scene, look_from_above(scene))
-    at = look(scene, first[0], first[1])
-    assert at.swatch[0] != at.swatch[1] and first[0][1] == first[1][1] and second[0][0] == second[1][0]
-    assert size_m == pytest.approx(0.06 * 0.96)

@@ -104,11 +104,6 @@ def test_on_the_waist_s_axis_it_is_singular_and_finite() -> None:
     assert not singular(NOMINAL_RAD)
 
 
-def test_nominal_posture_has_orthogonal_arms_at_its_levers() -> None:
-    J = jacobian(NOMINAL_RAD)
-    assert pytest.approx(np.diag(np.square(NOMINAL_LEVER_M)), abs=1e-15) == J.T @ J
-
-
 def test_data_sheet_s_workspace_is_within_reach() -> None:
     """160 × 120 × 70 mm about the tip in the nominal posture."""
     axes = [np.linspace(-w / 2, w / 2, 9) for w in (0.16, 0.12, 0.07)]
