@@ -1,13 +1,9 @@
 """Contact events in the rows of ticks."""
 
 import numpy as np
-import trimesh
 
-import hapscene
 from hapscene.records import ROW, records
 from hapscene.render.contact_info import ContactEvent, events_of
-
-BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 
 
 def rows_of(*ticks: tuple[int, int, int]) -> np.ndarray:
@@ -50,15 +46,3 @@ def test_events_read_in_parts_are_complete() -> None:
         found += events_of(rows[first:stop], first, since, *names)
         since = stop
     assert found == whole and len(whole) > 100
-
-
-def test_approach_speed_of_a_tap() -> None:
-    scene = hapscene.Scene()
-    scene.add(BOX, name="box", unit="m")
-    renderer = hapscene.Renderer(scene, ["wall"])
-    rows = []
-    for z in np.arange(0.0105, -0.002, -0.0003):
-        renderer.step((0.0, 0.0, z))
-        rows.append(renderer._row.copy())
-    (event,) = events_of(np.concatenate(rows), 0, 0, ("box",), ("plain",))
-    assert event.kind == "began" and abs(event.approach_m_s - 0.3) < 1e-9

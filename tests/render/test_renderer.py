@@ -9,7 +9,6 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.device.model import Limits
 from hapscene.errors import HapsceneError, PathError, SceneError, UsageWarning
 from hapscene.flags import Flag
 from hapscene.surface.device_clipping import ClippedSwatches
@@ -48,17 +47,6 @@ def test_step_and_run_give_the_same_bits():
     np.testing.assert_array_equal([c.f_W_N for c in commands], recording.f_W_N)
     np.testing.assert_array_equal([c.a_m_s2 for c in commands], recording.a_m_s2)
     np.testing.assert_array_equal([c.flags for c in commands], recording.flags)
-
-
-def test_step_with_poses_and_run_give_the_same_bits():
-    X = np.tile(np.eye(4), (300, 1, 1))
-    X[:, 2, 3] = 0.001 * np.sin(np.arange(300) / 20)
-    path = np.tile([0.01, 0.02, 0.0], (300, 1))
-    recording = hapscene.Renderer(scene(), ALL).run(path, poses={"box": X})
-    stepper = hapscene.Renderer(scene(), ALL)
-    forces = [stepper.step(p, poses={"box": pose}).f_W_N for p, pose in zip(path, X, strict=True)]
-    assert recording.touching.any()
-    np.testing.assert_array_equal(forces, recording.f_W_N)
 
 
 def test_path_in_parts_equals_the_path():
@@ -186,51 +174,6 @@ def test_an_effect_that_returns_nan_is_mute_until_reset_and_the_others_go_on():
     assert renderer.run(path[:3]).flags.tolist() == [0, 0, 0]
 
 
-def test_force_over_the_limit_keeps_its_direction():
-    path = stroke()
-    free = hapscene.Renderer(scene(), ["wall", "friction"]).run(path)
-    kept = hapscene.Renderer(scene(), ["wall", "friction"], limits=Limits(force_N=0.3)).run(path)
-    size = np.linalg.norm(free.f_W_N, axis=1)
-    over = size > 0.3
-    assert over.any() and not over.all()
-    np.testing.assert_array_equal((kept.flags & Flag.FORCE_LIMITED) != 0, over)
-    np.testing.assert_allclose(kept.f_W_N[over], 0.3 * free.f_W_N[over] / size[over, None], rtol=1e-12)
-    np.testing.assert_array_equal(kept.f_W_N[~over], free.f_W_N[~over])
-
-
-def test_force_changes_no_faster_than_the_limit():
-    limits = Limits(slew_N_s=50.0)
-    kept = hapscene.Renderer(scene(), ["wall"], limits=limits).run(stroke())
-    change = np.linalg.norm(np.diff(kept.f_W_N, axis=0, prepend=np.zeros((1, 3))), axis=1)
-    assert change.max() <= 0.05 * (1 + 1e-12)
-    np.testing.assert_allclose(change[(kept.flags & Flag.SLEW_LIMITED) != 0], 0.05, rtol=1e-9)
-    assert (kept.flags & Flag.SLEW_LIMITED).any()
-
-
-def test_acceleration_over_the_limit_is_cut():
-    free = hapscene.Renderer(scene(), ALL).run(stroke())
-    most = 0.5 * np.abs(free.a_m_s2).max()
-    kept = hapscene.Renderer(scene(), ALL, limits=Limits(acceleration_m_s2=most)).run(stroke())
-    np.testing.assert_array_equal(kept.a_m_s2, np.clip(free.a_m_s2, -most, most))
-    cut = (np.abs(free.a_m_s2) > most).any(axis=1)
-    np.testing.assert_array_equal((kept.flags & Flag.ACCELERATION_LIMITED) != 0, cut)
-
-
-def test_instances_have_their_own_poses():
-    mesh = hapscene.Mesh.from_trimesh(BOX, "m")
-    built = hapscene.Scene()
-    for i in range(5):
-        pose = trimesh.transformations.rotation_matrix(0.3 * i, (0, 0, 1))
-        pose[:3, 3] = (0.2 * i, 0, 0.01 * i)
-        built.add(mesh, name=f"box {i}", pose=pose)
-    renderer = hapscene.Renderer(built, ["wall"])
-    for i in range(5):
-        renderer.reset([0.2 * i, 0.001, 0.01 * i + 0.001])
-        recording = renderer.run([[0.2 * i, 0.001, 0.01 * i - 0.002]])
-        assert recording.body.tolist() == [i]
-        np.testing.assert_allclose(recording.p_WP_m, [[0.2 * i, 0.001, 0.01 * i]], atol=1e-12)
-
-
 def test_invalid_first_position_does_not_start():
     renderer = hapscene.Renderer(scene())
     command = renderer.step([np.nan, 0.0, 0.0])
@@ -275,15 +218,6 @@ def test_a_jump_past_a_body_is_reported():
     assert renderer.step((0.0, 0.0, 4.0)).flags == Flag(0)
 
 
-def test_a_transposed_pose_is_refused():
-    renderer, X_WB = hapscene.Renderer(scene(), ["wall"]), np.eye(4)
-    renderer.step((0.0, 0.0, 0.02))
-    X_WB[0, 3] = 1e-3
-    assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB}).flags == Flag(0)
-    with pytest.warns(UsageWarning, match="transposed"):
-        assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB.T}).flags == Flag.POSE_REFUSED
-
-
 def test_a_parameter_that_the_effect_does_not_have_is_reported():
     bark = Swatch("bark", effects={"wall": {"dampng_Ns_m": 1.0}})
     with pytest.warns(UserWarning, match=r"'bark'.*'wall'.*'dampng_Ns_m'.*did you mean 'damping_Ns_m'"):
@@ -317,15 +251,6 @@ def test_repainting_equals_a_new_renderer(monkeypatch):
         either.tune("oak", stiffness_N_m=222.0)
     assert renderer.clips == fresh.clips
     assert_same_bits(renderer.run(stroke()), fresh.run(stroke()))
-
-
-def test_renderers_of_a_scene_share_meshes():
-    built = hapscene.Scene()
-    for name in ("one", "two"):
-        built.add(hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m"), name=name)
-    first, second = hapscene.Renderer(built), hapscene.Renderer(built, ["wall"])
-    assert first.world.corners_m is second.world.corners_m
-    assert first.world.bodies["search"].tolist() == second.world.bodies["search"].tolist()
 
 
 def test_bodies_are_added_and_removed_in_contact():

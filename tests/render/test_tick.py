@@ -74,14 +74,6 @@ def test_tick_times_are_durations(box):
     assert (recording.contact_ns == LOOK_NS).all() and (recording.tick_ns == 2 * LOOK_NS).all()
 
 
-def test_bodies_appear_at_their_first_pose_without_moving_there(box):
-    """No body has a velocity in the first tick, so that a body at a distant first pose sweeps nothing along."""
-    X = np.tile(np.eye(4), (3, 1, 1))
-    X[:, 2, 3] = 0.5
-    recording = hapscene.Renderer(box, ["wall"]).run(np.tile([0, 0, 0.3], (3, 1)), poses={"box": X})
-    assert not recording.touching.any()
-
-
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
 def test_native_code_cannot_allocate():
     """All functions of the tick are compiled by `native`, which rejects allocation."""

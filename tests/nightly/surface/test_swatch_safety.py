@@ -4,14 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hapscene.io.files import CONTAINER_MAX, VALUE_MAX
-from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import BYTES_MAX, save_swatch
-from hapscene.surface.texture import MODEL_MAX, Texture
-from hapscene.swatches.library import load_swatch
+from hapscene.surface.swatch_file import BYTES_MAX
 
 OPENING_BYTES = 400e6
 """The stated limit of memory for opening any file [bytes]; see `swatch_file.BYTES_MAX`."""
@@ -55,18 +51,4 @@ def test_a_bulky_file_stays_within_the_stated_memory(tmp_path: Path, case: str) 
     text = BULKY[case]
     path.write_text(text + " " * (BYTES_MAX - len(text.encode()) - 1) + "}", encoding="utf-8")
     assert path.stat().st_size == BYTES_MAX
-    assert opening_bytes(path) < OPENING_BYTES
-
-
-@pytest.mark.soak
-def test_the_largest_swatch_that_is_allowed(tmp_path: Path) -> None:
-    from hapscene.surface.texture import triangulate
-
-    force_N, speed_m_s = map(np.ravel, np.meshgrid(np.linspace(0, 3, 64), np.linspace(0, 0.3, 64)))
-    lsf = np.linspace(0, np.pi, 258)[1:-1] + np.random.default_rng(0).uniform(-0.004, 0.004, (MODEL_MAX, 256))
-    triangles = triangulate(force_N, speed_m_s)
-    texture = Texture(1e4, force_N, speed_m_s, triangles, lsf, np.full(MODEL_MAX, 0.1))
-    path = tmp_path / "x.swatch"
-    save_swatch(Swatch("x", texture=texture), path)
-    assert load_swatch(path).texture == texture
     assert opening_bytes(path) < OPENING_BYTES
