@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -160,19 +159,6 @@ def test_add_and_remove_bodies_in_contact(servo: VirtualServo) -> None:
     assert (servo.scene.body("twin").face_swatch == swatches).all()
     for name in ("twin", "cube"):
         servo.remove(name)
-
-
-def test_added_body_can_be_pushed(servo: VirtualServo) -> None:
-    servo.start((0.0, 0.0, 0.03))
-    X_WB = np.eye(4)
-    X_WB[2, 3] = 0.5
-    servo.add(trimesh.creation.box((0.02, 0.02, 0.02)), name="thrown", unit="m", pose=X_WB)
-    servo.set_mass("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
-    X_WB[2, 3] = 0.01
-    servo.move("thrown", X_WB, teleport=True)
-    servo.aim((0.0, 0.0, 0.015), "medium")
-    servo.until(lambda: servo.state().body == len(servo.scene.bodies) - 1)
-    servo.remove("thrown")
 
 
 def test_deform_in_contact(servo: VirtualServo) -> None:
@@ -372,15 +358,6 @@ def test_age_of_the_state_grows_while_paused(servo: VirtualServo) -> None:
         assert after.tick == before.tick and after.age_s == pytest.approx(before.age_s + 0.05)
         assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)
         servo.pause()
-
-
-def test_stages_of_the_start_are_reported() -> None:
-    said = list[str]()
-    polls, messages = iter([True, True, False, False, True, True]), iter([(None, "bodies"), (None, {"seed": 0})])
-    servo = Servo(make_scene(), MASS, progress=said.append)
-    servo._wire = SimpleNamespace(poll=lambda timeout_s: next(polls), recv=lambda: next(messages))
-    assert servo._started() == {"seed": 0}
-    assert said == ["a new process … ", "bodies … ", "5 s … ", "10 s … "]
 
 
 def test_invalid_scene_is_rejected_at_the_start() -> None:

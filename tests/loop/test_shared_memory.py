@@ -21,13 +21,6 @@ def both() -> Iterator[tuple[Channel, Channel]]:
     ours.close(unlink=True)
 
 
-def test_new_block_is_zero_and_has_the_right_shapes(both: tuple[Channel, Channel]) -> None:
-    ours, _ = both
-    rings = [(4, 5)] * 2 + [(4, 5, 3)] * 2
-    assert [getattr(ours, part).shape for part in PARTS] == [(1,), (4,), *rings, (2,), (2,), (4, 2, 6)]
-    assert not any(getattr(ours, part).tobytes().strip(b"\0") for part in PARTS)
-
-
 def test_fields_are_shared_and_do_not_overlap(both: tuple[Channel, Channel]) -> None:
     ours, theirs = both
     for i, part in enumerate(PARTS):

@@ -11,7 +11,7 @@ from hapscene.device.model import device_named, limits_of
 from hapscene.device.sim.hand import GRIPS, Grip
 from hapscene.device.sim.omni import Omni, stand
 from hapscene.device.sim.point import PointMass
-from hapscene.errors import HapsceneError, PathError, UsageWarning
+from hapscene.errors import HapsceneError, PathError
 from hapscene.flags import Flag
 from hapscene.handle.plant import Plant
 from hapscene.loop import ReferenceTrajectory, Twin
@@ -41,21 +41,6 @@ def test_twin_follows_scene_pose() -> None:
     assert twin.run(press).recording.touching.any()
     scene.pose("box", np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]))
     assert not twin.run(press).recording.touching.any()
-
-
-def test_start_inside_a_body_is_reported() -> None:
-    scene = Scene()
-    scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="box", unit="m")
-    with pytest.warns(UsageWarning, match="box"):
-        Twin(scene, MASS, effects=["wall"]).run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 5))
-
-
-def test_equilibrium_of_push_and_wall(plate: Scene) -> None:
-    twin = Twin(plate, PointMass(0.045, 2.0), effects=["wall"])
-    twin.reset((0.0, 0.0, 0.0))
-    result = twin.run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 2000, "none", push_W_N=(0.0, 0.0, -1.0)))
-    assert result.p_W_m[-1, 2] == pytest.approx(-1.0 / 500.0, rel=1e-6)
-    assert result.rest_m_s < 1e-6
 
 
 def test_force_is_delayed(plate: Scene) -> None:

@@ -96,20 +96,6 @@ def test_memory_of_a_running_servo_has_no_name() -> None:
         until(lambda: servo.state().tick >= 10)
 
 
-@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="no folder to see the memory in")
-@pytest.mark.parametrize("all_of_them", [False, True])
-def test_killed_application_leaves_no_memory(tmp_path: Path, all_of_them: bool) -> None:
-    application = begin(tmp_path, APPLICATION)
-    assert application.stdout is not None
-    name = application.stdout.readline().strip()
-    if all_of_them:  # the resource tracker as well
-        os.killpg(application.pid, signal.SIGKILL)
-    else:
-        application.kill()
-    assert application.communicate(timeout=120.0) == ("", "")  # the pipes close with the last process that holds them
-    assert not Path("/dev/shm", name).exists()
-
-
 def test_process_that_dies_at_the_start() -> None:
     servo = Servo(make_scene(), MASS, first=Deadly(), padding=bytes(10_000_000))
     said: list[str] = []

@@ -134,16 +134,6 @@ def test_application_is_stopped_continued_and_killed(rig: Rig, tmp_path: Path) -
     assert len(log.replay().unlike) == 0
 
 
-@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
-def test_servo_is_killed_or_stopped(rig: Rig, by: signal.Signals) -> None:
-    at_ns = time.monotonic_ns()
-    os.kill(rig.servo_pid, by)
-    rig.await_torque(lambda now: now == 0.0)
-    assert rig.force_ended_after(at_ns) < GUARDED_S + slack_s()
-    _, errors = rig.application.communicate(timeout=PATIENCE_S)
-    assert "exit code" in errors
-
-
 def test_suspend_and_resume_of_the_machine(rig: Rig) -> None:
     asleep = rig.application.pid, rig.servo_pid, rig.watchdog_pid
     for pid in asleep:
@@ -171,12 +161,6 @@ def test_unplugged_device_is_reported_and_logged(rig: Rig, tmp_path: Path) -> No
     assert f"haply2diy: {rig.board.place}" in errors and "reconnect it" in errors
     log = log_in(tmp_path / "logs")
     assert "haply2diy" in log.reason and len(log.replay().unlike) == 0
-
-
-def test_ctrl_c_removes_the_force(rig: Rig) -> None:
-    at_ns = time.monotonic_ns()
-    os.kill(rig.application.pid, signal.SIGINT)
-    assert rig.force_ended_after(at_ns) < WITHIN_S + slack_s()
 
 
 @pytest.mark.parametrize("key", [signal.SIGTSTP, signal.SIGQUIT], ids=["ctrl-z", "ctrl-backslash"])

@@ -102,39 +102,6 @@ def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
     assert re.fullmatch(r"\[[-0-9. e]+\]\n", done.stdout)
 
 
-def test_servo_ends_with_a_killed_application(tmp_path: Path) -> None:
-    script = tmp_path / "application.py"
-    script.write_text(
-        "import os, sys\n"
-        f"sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
-        "from tests.loop.test_servo import MASS, make_scene\n"
-        "from hapscene.loop import Servo\n"
-        "if __name__ == '__main__':\n"
-        "    servo = Servo(make_scene(), MASS).__enter__()\n"
-        "    servo.start((0.0, 0.0, 0.01))\n"
-        "    print(servo._process.pid, flush=True)\n"
-        "    sys.stdin.read()\n"
-    )
-    application = subprocess.Popen(
-        [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    assert application.stdout is not None
-    pid = int(application.stdout.readline())
-    application.kill()
-    application.wait()
-
-    def gone() -> bool:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0]
-        except (FileNotFoundError, ProcessLookupError):
-            return True
-        return state == "Z"
-
-    if not Path("/proc").is_dir():
-        pytest.skip("no /proc here to see the process end")
-    until(gone)
-
-
 def test_error_of_the_process_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
     far = np.eye(4)
     far[0, 3] = 5.0
