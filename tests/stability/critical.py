@@ -32,19 +32,11 @@ def growth(y: NDArray[np.float64], order: int) -> float:
         y: (n,) motion about the equilibrium, n > 2 order.
         order: largest number of modes.
     """
-    space, count = _modes(y)
-    space = space[:, : min(order, count)]
+    shifts = np.lib.stride_tricks.sliding_window_view(y, len(y) // 2).T
+    left, weight, _ = np.linalg.svd(shifts, full_matrices=False)
+    space = left[:, : min(order, np.count_nonzero(weight > NOISE * weight[0]))]
     step, *_ = np.linalg.lstsq(space[:-1], space[1:], rcond=None)
     return float(np.log(np.abs(np.linalg.eigvals(step)).max()))
-
-
-def _modes(y: NDArray[np.float64], rounding: float = 0.0) -> tuple[NDArray[np.float64], int]:
-    """The space spanned by the shifts of a signal, strongest direction first, and the number of modes. `rounding`
-    is the absolute error of a sample."""
-    rows = len(y) // 2
-    shifts = np.lib.stride_tricks.sliding_window_view(y, rows).T
-    left, weight, _ = np.linalg.svd(shifts, full_matrices=False)
-    return left, int(np.count_nonzero(weight > max(NOISE * weight[0], rounding * rows)))
 
 
 DEPTH_M: Final = 1e-3
@@ -64,22 +56,6 @@ TURN: Final = 0.5
 """Phase of the motion between two samples [rad]. Slow motion is not sampled at every tick, since rounding would
 hide its growth. Near the largest wall damping there is also a fast mode that turns by π in d + 1 ticks. Samples
 are an odd multiple of that apart, at which it alternates; at an even multiple it would look slow."""
-
-MODES: Final = 16
-"""Most modes that are separated [count]; at a delay of 200 ticks there are 203."""
-
-WAIT: Final = 40
-"""Time for which further modes are left to decay [d + 1 ticks]. The 17th decays by a factor e in at most two such
-times, except for overdamped devices at wall dampings near the largest."""
-
-LONGER: Final = 6
-"""Factor of the waiting time if they have not decayed [1], up to `TICKS_MAX`."""
-
-FAINT: Final = 1e-6
-"""Decay of small motion after which it is not observed any more [1]."""
-
-ROUNDING: Final = 1e-13
-"""Rounding error of the motion, relative to the depth [1]."""
 
 HALVINGS: Final = 16
 """Most halvings of the stiffness in search of a stable wall [count]."""
@@ -149,45 +125,26 @@ def critical_stiffness(
 def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> float:
     """Natural logarithm of the growth of the slowest-decaying mode of small motion per tick; below 0 if it decays.
 
-    The device must have neither friction nor encoder steps. The result is rough if the motion decays to `FAINT`
-    before its modes are separated, or grows to `LARGE`.
+    The device must have neither friction nor encoder steps. The result is rough if the motion grows to `LARGE`.
     """
     rig.tune(stiffness_N_m, wall_damping_Ns_m)
     delay = rig.delay_ticks + 1
     modes = delay + 2  # position, speed, the last depth, the delayed forces
-    few = min(modes, MODES)
-    wait, small = 0, SMALL
-    if few < modes:
-        wait, small = WAIT * delay, min(SMALL, 0.1 * stiffness_N_m * rig.tick_s / max(wall_damping_Ns_m, 1e-300))
-    first, turn = SAMPLES * few, rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
-    while True:
-        count = wait + min(first * max(1, int(TURN / turn), delay // MODES), TICKS_MAX)
-        y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, first, count, small)
-        if within < wait + 2 * few + 2:
-            return math.log(LARGE / small) / within
-        y = y[wait:within]
-        if wait > 0:
-            y = y[: np.flatnonzero(np.abs(y) >= FAINT * np.abs(y).max())[-1] + 1]
-            if np.abs(y).max() < FAINT * small * DEPTH_M or len(y) < first:
-                return math.log(FAINT) / within
-        stride = max(1, len(y) // first)
-        if stride > delay:
-            stride = delay * ((stride // delay - 1) | 1)
-        if wait == 0:
-            return growth(y[::stride], few) / stride
-        seen = _modes(y[::stride], ROUNDING * DEPTH_M)[1]
-        if seen <= MODES or wait * LONGER > TICKS_MAX:
-            return growth(y[::stride], min(seen, MODES)) / stride
-        wait *= LONGER
+    first, turn = SAMPLES * modes, rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
+    y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, first, min(first * max(1, int(TURN / turn)), TICKS_MAX))
+    if within < 2 * modes + 2:
+        return math.log(LARGE / SMALL) / within
+    stride = max(1, within // first)
+    if stride > delay:
+        stride = delay * ((stride // delay - 1) | 1)
+    return growth(y[:within:stride], modes) / stride
 
 
-def _small_motion(
-    rig: Rig, push_N: float, first: int, count: int, small: float = SMALL
-) -> tuple[NDArray[np.float64], int]:
+def _small_motion(rig: Rig, push_N: float, first: int, count: int) -> tuple[NDArray[np.float64], int]:
     """Depths relative to the equilibrium (n,) [m], and the number of them that are small: `count` ticks, or fewer
     if they grow."""
     y, within = np.zeros(0), 0
-    felt = rig.release((1.0 + small) * DEPTH_M, 0.0, push_N, first)
+    felt = rig.release((1.0 + SMALL) * DEPTH_M, 0.0, push_N, first)
     while True:
         y = np.concatenate((y, -felt.p_W_m[:, 2] - DEPTH_M))
         linear = (np.abs(y[within:]) < LARGE * DEPTH_M) & (felt.recording.f_W_N[:, 2] > 0.0)

@@ -43,17 +43,6 @@ def test_near_the_largest_wall_damping() -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("delay", "damping", "share"), [(30, 1e-3, 0.9), (200, 0.1, 0.0), (255, 1e-3, 0.3), (200, 1.0, 0.5)]
-)
-def test_long_delays(delay: int, damping: float, share: float) -> None:
-    wall = share * stability_border(1.0, damping, 1.0, delay)[1][-1]
-    expected = limit_of_small_motion(1.0, damping, 1.0, delay, wall)
-    assert critical_stiffness(1.0, damping, 1.0, delay_ticks=delay, wall_damping_Ns_m=wall) == pytest.approx(
-        expected, rel=1e-6
-    )
-
-
 def test_rest_between_encoder_steps() -> None:
     """Depends on friction and encoder step only, not on b, T and d."""
     for damping, tick, delay in ((0.005, 1e-3, 0), (1.0, 1e-4, 0), (0.1, 1e-3, 2)):
