@@ -1,7 +1,6 @@
 """Comparison with other renderers: file formats, order of runs and tables, with a fake renderer."""
 
 import re
-import shutil
 import sys
 from pathlib import Path
 
@@ -9,14 +8,11 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HapsceneError
-from hapscene_evidence.bench.case import RADIUS_M, sphere_cases, with_ball
-from hapscene_evidence.bench.run import bench_peers
+from hapscene_evidence.bench.case import RADIUS_M, sphere_cases
 from hapscene_evidence.bench.sheet import Sheet
 from hapscene_evidence.bench.side_by_side import OURS, Turn, beside, find_drivers, measure
 from hapscene_evidence.bench.side_by_side_page import add_peers
 from hapscene_evidence.page import Page
-
-RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 PEER = f"""#!{sys.executable}
 import struct, sys
@@ -109,19 +105,3 @@ def test_faulty_program_is_reported(tmp_path: Path, text: str, error: str) -> No
     del drivers[OURS]
     with pytest.raises(HapsceneError, match=rf"HAPI on sphere 0 k .*: {error}"):
         measure(drivers, sphere_cases((1,), 400), 1, 0, lambda _: None)
-
-
-def test_missing_programs_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(HapsceneError, match="chai_path"):
-        find_drivers(tmp_path)
-
-
-def test_peers_write_table_and_page(tmp_path: Path) -> None:
-    shutil.copytree(RESULTS / "bench", tmp_path / "bench")
-    (point,) = sphere_cases((3,), 600)
-    bench_peers(build(tmp_path, "hapi_path"), tmp_path, [point, with_ball(point)], (1, 0))
-    sheet = Sheet.read(tmp_path / "bench" / "peers.csv")
-    assert sheet.number("hot, sphere 1 k, HAPI", "contact median") == 0.0
-    measured = sheet.cases("hot, sphere 1 k ball 2 mm")
-    assert measured == [f"hot, sphere 1 k ball 2 mm, {OURS}"]  # HAPI's tool is a point
-    assert "| HAPI / hapscene's contact |" in (tmp_path / "benchmark.md").read_text(encoding="utf-8")

@@ -15,10 +15,8 @@ from hapscene.stability.rig import sheet
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-from hapscene_evidence.bench.case import RADIUS_M
 from hapscene_evidence.chart import (
     acceleration_rate,
-    compensator,
     force_rate,
     mesh,
     proxy,
@@ -26,9 +24,9 @@ from hapscene_evidence.chart import (
     stabiliser,
     texture,
 )
-from hapscene_evidence.chart.measuring import apart_jnd, stroke_path, texture_bands
-from hapscene_evidence.chart.texture_update import followed, held_error
-from hapscene_evidence.chart.touched_surface import SPHERE, closest_points, reduced, touched
+from hapscene_evidence.chart.measuring import stroke_path, texture_bands
+from hapscene_evidence.chart.texture_update import followed
+from hapscene_evidence.chart.touched_surface import closest_points
 
 EDGES_HZ = band_edges_Hz()
 
@@ -53,24 +51,6 @@ def test_closest_points_equal_exhaustive_search() -> None:
     )
 
 
-def test_reference_is_the_round_sphere_or_the_closest_point() -> None:
-    on = touched(None, SPHERE, 400)
-    distance = np.linalg.norm(on.p_WT_m, axis=1)
-    inside = distance < RADIUS_M
-    surface = on.p_WT_m + on.into_m
-    assert np.linalg.norm(surface[inside], axis=1) == pytest.approx(RADIUS_M, abs=1e-12)
-    assert not on.into_m[~inside].any()
-    plate = touched(None, "plate")
-    depth = np.linalg.norm(plate.into_m, axis=1)
-    assert 1e-3 < depth.max() < 4e-3  # less than the distance to its back
-
-
-def test_mesh_is_reduced_by_the_divisor() -> None:
-    whole = reduced(None, SPHERE, 1, 400)
-    fewer = reduced(None, SPHERE, 16, 400)
-    assert len(fewer.faces) == pytest.approx(len(whole.faces) / 16, rel=0.02)
-
-
 def recording(force_N: Any, touching: Any, depth_m: Any, **more: Any) -> Any:
     return SimpleNamespace(
         f_W_N=np.asarray(force_N), touching=np.asarray(touching), depth_m=np.asarray(depth_m), **more
@@ -89,24 +69,6 @@ def test_errors_of_a_rotated_scaled_and_stepping_force() -> None:
     assert mesh.force_errors(recording(force, [True] * 200, np.full(200, 2e-3)), into, 500.0)["edge"] == (
         pytest.approx(10.0)
     )
-
-
-def test_missed_contact_counts_as_its_force() -> None:
-    into = np.tile([0.0, 0.0, 2e-3], (50, 1))
-    found = mesh.force_errors(recording(np.zeros((50, 3)), [True] + [False] * 49, np.zeros(50)), into, 500.0)
-    assert found["force"] == pytest.approx(1.0 / 0.07)
-
-
-def test_coarser_sphere_has_larger_errors_and_shading_reduces_them() -> None:
-    fine, coarse, shaded = (
-        mesh.error(None, SPHERE, divisor, shade) for divisor, shade in ((4, False), (64, False), (64, True))
-    )
-    assert fine["direction"] < 0.5 * coarse["direction"]
-    assert fine["memory"] == pytest.approx(16.0 * coarse["memory"], rel=0.1)
-    assert shaded["direction"] < 0.5 * coarse["direction"]
-    # a facet of a sphere turns by at most the angle to its corners: edges of R √(4π / f · 4/√3 / 4) or so
-    edge_m = math.sqrt(4.0 * math.pi * RADIUS_M**2 / 1280 * 4.0 / math.sqrt(3.0))
-    assert coarse["direction"] < math.degrees(edge_m / RADIUS_M)
 
 
 def test_projection_converges_by_the_cosine_and_active_set_is_exact() -> None:
@@ -143,31 +105,12 @@ def test_virtual_coupling_acts_as_a_spring_in_series() -> None:
     assert error == pytest.approx(100.0 * (1.0 / 200.0) / felt, rel=0.02)
 
 
-def test_adaptive_compensator_has_the_smallest_error() -> None:
-    none, flat = (compensator.error(name, "", 1) for name in ("none", "flat"))
-    adaptive = compensator.error("adaptive", "known delay of 0 ms", 1)
-    assert none["texture"] == pytest.approx(100.0) and none["tap"] == pytest.approx(100.0)
-    assert adaptive["texture"] < 5.0 < flat["texture"] < 60.0
-
-
 def test_simulated_surface_has_the_stated_power() -> None:
     for force, speed in ((0.3, 0.04), (2.0, 0.25)):
         power = np.trapezoid(texture.surface_density(force, speed), texture.FREQUENCY_HZ)
         assert power == pytest.approx(25.0 * force * speed / 0.1, rel=1e-3)
         made = texture.known_texture("lsf", 2).power([force], [speed])
         assert made[0] == pytest.approx(power, rel=1e-3)
-
-
-@pytest.mark.parametrize("domain", ["lsf", "reflection", "direct", "hatt", "warped"])
-def test_more_models_reduce_the_error_of_interpolation(domain: str) -> None:
-    two, three = (texture.known_surface_error(domain, 40, grid) for grid in (2, 3))
-    assert three < two and three < 0.7 * texture.known_surface_error("nearest", 40, 3)
-
-
-def test_higher_order_reduces_the_error_and_warped_models_need_less() -> None:
-    few, some, many = (texture.known_surface_error("lsf", order, 5) for order in (4, 20, 80))
-    assert few > some > many
-    assert texture.known_surface_error("warped", 12, 5) < texture.known_surface_error("lsf", 12, 5)
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -177,11 +120,6 @@ def test_bands_of_white_noise_with_and_without_zero_order_hold(held: bool) -> No
     for low, high, rms in zip(EDGES_HZ[:-1], EDGES_HZ[1:], found, strict=True):
         power = quad(lambda f: 2.0 * 3.0 / 2000.0 * (np.sinc(f / 2000.0) ** 2 if held else 1.0), low, high)[0]
         assert rms == pytest.approx(np.sqrt(power), rel=1e-4)
-
-
-def test_twice_the_power_in_a_band_is_one_and_a_half_jnd() -> None:
-    loud = np.full(12, 5.0)
-    assert apart_jnd(np.sqrt(2.0) * loud, loud) == pytest.approx(20.0 * np.log10(np.sqrt(2.0)) / 2.0)
 
 
 def test_followed_level_equals_that_of_the_tick() -> None:
@@ -197,21 +135,6 @@ def test_followed_level_equals_that_of_the_tick() -> None:
     force, slip, level = np.array(seen[1:]).T  # from the first tick in contact on
     expected = followed(np.sqrt(texture.power(force, slip)), 4)
     np.testing.assert_allclose(level[8:], expected[8:], rtol=0.01)
-
-
-def test_update_in_each_tick_has_no_error() -> None:
-    texture = Texture.from_models(10_000.0, [2.0], [0.2], a=[[1.0, -0.5]], variance_m2_s4=[1e6])
-    force, speed = 1.01 ** np.arange(64), np.full(64, 0.2)
-    assert held_error(texture, force, speed, 1)["p95"] < 1e-9
-    # a look each four ticks, of what grows by 1 % in power a tick: 3 ticks' growth off in the last tick of each
-    least = 3.0 * 10.0 * np.log10(1.01) / 2.0
-    assert held_error(texture, force, speed, 4)["median"] == pytest.approx(least, rel=0.02)
-
-
-def test_higher_rate_reduces_the_error_to_zero_at_the_reference() -> None:
-    found = [acceleration_rate.error(rate, "held")["texture"] for rate in (2000.0, 5000.0)]
-    assert found[0] > found[1] > 0.0
-    assert acceleration_rate.error(acceleration_rate.REFERENCE_HZ, "filtered") == {"texture": 0.0, "tap": 0.0}
 
 
 def test_bands_of_a_tap_hold_its_energy() -> None:

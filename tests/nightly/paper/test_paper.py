@@ -8,18 +8,15 @@ import pytest
 from scipy.signal import freqz, lfilter, resample_poly
 
 from hapscene.capture.fit.distance import residual, spectrum
-from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant
-from hapscene_evidence.paper import handle_figure, penn_toolkit
+from hapscene_evidence.paper import handle_figure
 from hapscene_evidence.paper.handle_figure import CORNER_HZ, Trials, approximated, misfit_dB
-from hapscene_evidence.paper.interpolation_table import FITTED, ar_from_cepstrum, cepstrum, interpolation_errors
 from hapscene_evidence.paper.material import load_materials
-from hapscene_evidence.paper.paper_page import TABLE_ONE, page_of, summary, table_of_numbers
+from hapscene_evidence.paper.paper_page import page_of, summary, table_of_numbers
 from hapscene_evidence.paper.prediction_figure import predictor, synthetic
 from hapscene_evidence.paper.remote_figure import Rendering, remote_numbers
 from hapscene_evidence.paper.result import FigureResult, Number
-from hapscene_evidence.paper.tap_study import distances
 
 RATE_HZ = 10_000.0
 TRUE_PLANT = Plant(m_c_kg=0.02, k_s_N_m=320.0, b_s_Ns_m=0.4, m_h_kg=0.1)
@@ -98,24 +95,6 @@ def test_errors_are_relative_to_the_base_motors_alone() -> None:
     assert numbers["error with the handle, compensator flat, taps"].value == pytest.approx(25.0)
 
 
-def test_cepstral_coefficients_are_those_of_the_log_spectrum() -> None:
-    log_spectrum = np.log(1.0 / np.abs(np.fft.fft(AR, 4096)) ** 2)
-    assert cepstrum(AR) == pytest.approx(np.fft.ifft(log_spectrum).real[1 : len(AR)], abs=1e-9)
-    assert ar_from_cepstrum(cepstrum(AR)) == pytest.approx(AR)
-
-
-def test_interpolation_is_judged_between_the_models() -> None:
-    errors = interpolation_errors()
-    stable = ("poles", "line spectral frequencies", "reflection coefficients")
-    assert len(errors) == 6 and all(errors[FITTED][0] <= error < 5.0 for error, _ in errors.values())
-    assert all(errors[name][1] == 0.0 for name in stable)
-
-
-def test_compensated_handle_is_closer_to_a_real_tap_than_no_vibration() -> None:
-    away = distances(0)
-    assert np.all(away[:, 0] == 0.0) and away[:, 1].min() > 2.0 > 1.5 > away[:, 3:].max()
-
-
 def test_missing_recordings_are_synthesised_and_named(shared: Path, tmp_path: Path) -> None:
     (tmp_path / "cdp_wood.csv").symlink_to(shared / "data" / "recordings" / "cdp_wood.csv")
     some, none = load_materials(tmp_path), load_materials(None)
@@ -138,24 +117,3 @@ def test_page_is_self_contained_and_escaped() -> None:
         Path()
     )
     assert table_of_numbers(results).splitlines()[1] == "fig4,<b>,dB,2.0,Fig. 4,-1.5,a & b"
-
-
-@pytest.mark.parametrize("command", sorted({command for *_, command in TABLE_ONE if command}))
-def test_commands_of_table_one_exist(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*command.split()[1:], "--help"]) == 0
-    assert command in capsys.readouterr().out
-
-
-def test_law_of_moving_spectra_is_found() -> None:
-    """Surfaces with a line at 150 to 250 Hz, which moves as the square root of the speed."""
-    rng = np.random.default_rng(0)
-    surfaces = []
-    for _ in range(4):
-        places, line = rng.uniform(-0.7, 0.7, (7, 2)), np.log(rng.uniform(150.0, 250.0))
-        spectra = -20.0 * np.abs(penn_toolkit.LOG_HZ - line - 0.5 * places[:, 1:]) + 9.0 * places[:, 1:]
-        surfaces.append((places, spectra))
-    still, _, _, moving, _ = penn_toolkit.spectrum_errors(surfaces).items()
-    assert "γ = 0.50" in moving[0] and moving[1] < 0.25 * still[1]  # the ends of the band are unknown
-    levels = penn_toolkit.level_errors(surfaces)
-    assert levels["exponents: mean"] == pytest.approx([0.0, 9.0 * np.log(10.0) / 10.0], abs=0.1)
-    assert levels["slow half → fast half"][2] < 0.1 * levels["slow half → fast half"][0]

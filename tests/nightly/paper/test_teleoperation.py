@@ -17,13 +17,6 @@ def test_handle_reduces_the_error_of_the_base_motors(renderings: list[Rendering]
     assert handle.errors["all"] < 0.7 * alone.errors["all"]
 
 
-@pytest.mark.parametrize("grip", ["light", "medium", "firm"])
-def test_two_taps_and_five_drags_on_wood(grip: str) -> None:
-    """The paper's experiment: motion of base motors and handle is not counted twice."""
-    inverse, adaptive = compare_handles(("inverse", "adaptive"), grip)
-    assert adaptive.errors["all"] < min(30.0, inverse.errors["all"] + 2.0)
-
-
 def test_latency_is_removed(renderings: list[Rendering]) -> None:
     """Within the strokes desired and rendered acceleration are aligned to the sample."""
     _, handle = renderings
