@@ -1,7 +1,5 @@
 """Conversions between forms of all-pole filters, compared with SciPy."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
-from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
+from hapscene.dsp.linear_prediction import solve
 from hapscene.errors import SwatchError
 
 
@@ -62,16 +60,6 @@ def test_conversion_of_filters_with_sharp_resonances(order: int, count: int, wid
         density += height * width**2 / np.abs(1.0 - (1.0 - width) * np.exp(1j * (place - w))) ** 2
     a = solve(np.fft.irfft(density)[: order + 1])
     assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9
-
-
-@pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
-def test_conversion_of_filters_fitted_to_real_recordings(shared: Path, rate_Hz: float) -> None:
-    for path in sorted((shared / "data" / "recordings").glob("cdp_*.csv")):
-        signal = np.loadtxt(path, delimiter=",", skiprows=1, usecols=2)[:: round(10_000 / rate_Hz)]
-        r = autocorrelation(tapered(signal - signal.mean(), rate_Hz), 160)
-        for order in (20, 120, 160):
-            a = solve(r[: order + 1])
-            assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9
 
 
 @settings(max_examples=30, deadline=None)

@@ -53,17 +53,3 @@ def test_the_gain_is_limited(spread: float) -> None:
     assert 2.0 * log_power(spread) == pytest.approx(np.log(square), abs=1e-9)
     log = log_gain(40_000, 5e-3, 1e-3, spread / np.sqrt(np.sum(SPREAD**2))) + log_power(spread)
     assert log.max() == pytest.approx(far * spread) == -log.min()
-
-
-def test_two_half_steps_equal_one_step() -> None:
-    """Compares the decay of x and the variance of the added noise."""
-    row, half = np.array([1.0, 30.0, 100.0]), np.random.default_rng(0).standard_normal(20_000)
-    for parts in (1, 2, 7):
-        rng, left = seeded_state(3, "gain"), []
-        for x0 in half:
-            x = np.array([x0])
-            for _ in range(parts):
-                advance_gain(rng, x, row, 0, 1, 0.01 / parts, 2e-3 / parts, 1.0, np.zeros(2))
-            left.append(x[0])
-        assert np.mean(left * half) == pytest.approx(np.exp(-0.5) * np.mean(half**2), abs=0.02)
-        assert np.var(left) == pytest.approx(1.0, abs=0.03)

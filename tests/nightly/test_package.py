@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -154,14 +152,6 @@ def test_commands_that_need_a_checkout_say_so(installed: Installed) -> None:
         assert done.returncode == 2 and "clone the repository" in done.stderr and "Traceback" not in done.stderr
 
 
-@pytest.mark.soak
-def test_the_demo_runs(installed: Installed) -> None:
-    installed.run("hapscene", "demo", "--out", "demo")
-    summary = json.loads((installed.work / "demo" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["ticks"] > 10_000 and summary["ticks_in_contact"] > 1000
-    assert {"touch.npz", "touch.csv", "plots.png", "feel.wav"} <= {f.name for f in (installed.work / "demo").iterdir()}
-
-
 # Elsewhere than in the checkout all would be compiled anew, half a minute: `.ci/versions` has that.
 
 
@@ -177,33 +167,3 @@ def touch(installed: Installed, *words: str | Path) -> None:
 
 def test_the_shipped_scene_is_touched(installed: Installed) -> None:
     touch(installed, "demo")
-
-
-def test_a_mesh_is_touched(installed: Installed) -> None:
-    trimesh.creation.box((20, 20, 10)).export(installed.work / "box.stl")
-    touch(installed, "box.stl", "--unit", "mm", "--swatch", "wood")
-
-
-def test_a_recording_is_fitted(installed: Installed) -> None:
-    count, rng = 4000, np.random.default_rng(0)
-    speed, force = 150 + 20 * np.sin(np.arange(count) / 300), 1.5 + 0.3 * np.sin(np.arange(count) / 200)
-    table = np.stack([speed, force, rng.standard_normal(count)], axis=1)
-    header = "speed,force,acceleration"
-    np.savetxt(installed.work / "oak.csv", table, delimiter=",", header=header, comments="")
-    options = ("--rate", "2000", "--units", "acceleration=m/s2,speed=mm/s,force=N")
-    said = installed.run("hapscene", "capture", "fit", "oak.csv", *options, "-o", "oak.swatch", NUMBA_DISABLE_JIT="1")
-    assert "models of order" in said and (installed.work / "oak.swatch").is_file()
-
-
-def test_swatches_are_listed_and_the_painter_is_there(installed: Installed) -> None:
-    listed = installed.run("hapscene", "swatch", "list").splitlines()
-    shipped = sorted((s for s in tree() if s.endswith(".swatch")), key=lambda s: Path(s).name.removesuffix(".swatch"))
-    kinds = ("shipped", "computed")
-    want = [
-        [Path(s).name.removesuffix(".swatch"), kind]
-        for kind in kinds
-        for s in shipped
-        if ("computed" in s) == (kind == "computed")
-    ]
-    assert [line.split()[:2] for line in listed[: len(shipped)]] == want
-    assert "--no-browser" in installed.run("hapscene", "paint", "--help")

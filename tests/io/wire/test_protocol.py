@@ -13,8 +13,6 @@ from hapscene.io.wire.protocol import (
     Column,
     Decoder,
     Header,
-    checksum,
-    read_header,
     sample_line,
     sealed,
 )
@@ -44,10 +42,6 @@ def decode(parts: list[bytes], rate_Hz: float = 1000.0) -> tuple[Decoder, dict[i
     return decoder, came
 
 
-def test_checksum() -> None:
-    assert checksum(b"123456789") == 0x29B1
-
-
 def test_example_in_the_docs() -> None:
     example = re.search(r"(    #hapscene-probe.*\n(?:    \d.*\n)+)", DOCUMENT.read_text(encoding="utf-8"))
     assert example is not None
@@ -57,11 +51,6 @@ def test_example_in_the_docs() -> None:
     assert decoder.header is not None and decoder.header.rate_Hz == 3200.0
     assert run.counts.tolist() == [[-812, 1204], [-797, 1204], [-641, 1205]]
     assert decoder.count.torn == decoder.count.garbage == decoder.count.dropped == 0
-
-
-def test_header() -> None:
-    header = Header(3333.25, (Column("ax", "m/s2", 0.001), Column("F_t", "N", -1e-5), Column("T", "°C", 2.0)))
-    assert read_header(header_line(header).strip()) == header
 
 
 @pytest.mark.parametrize("size", [1, 17, 5000])
