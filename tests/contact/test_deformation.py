@@ -1,7 +1,5 @@
 """Deforming bodies in contact: correct final shape, no steps, no penetration."""
 
-import threading
-
 import numpy as np
 import pytest
 import trimesh
@@ -89,27 +87,6 @@ def test_face_that_degenerates_is_released() -> None:
     renderer.deform("sheet", flat)
     felt = renderer.run(np.tile([0.02, 0.02, -0.003], (80, 1)))
     assert np.isfinite(felt.f_W_N).all() and not felt.touching[-1]
-
-
-def test_shapes_can_be_set_from_another_thread() -> None:
-    renderer, vertices = ball()
-    renderer.run(np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.04], 100))
-    over = threading.Event()
-
-    def shape() -> None:
-        phase = 0.0
-        while not over.is_set():
-            renderer.deform("liver", bent(vertices, phase))
-            phase += 0.01
-
-    thread = threading.Thread(target=shape)
-    thread.start()
-    try:
-        felt = [renderer.run(np.tile([0.0, 0.0, 0.04], (50, 1))) for _ in range(100)]
-    finally:
-        over.set()
-        thread.join()
-    assert all(part.touching.all() and np.isfinite(part.f_W_N).all() for part in felt)
 
 
 def test_shrinking_body_does_not_hide_another() -> None:

@@ -2,7 +2,6 @@
 
 import ast
 import contextlib
-import functools
 import io
 import json
 import os
@@ -10,14 +9,10 @@ import re
 import shlex
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
 from html.parser import HTMLParser
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -193,34 +188,3 @@ def test_every_command_line_is_understood(documents: dict[str, Document]) -> Non
     for line in lines:
         if line.startswith("python -m hapscene"):
             assert find_spec(line.split()[2]), line
-
-
-@pytest.fixture(scope="module")
-def address(site: Path) -> Iterator[str]:
-    """Serve the site; the address."""
-
-    class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, format: str, *args: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(site))) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}/"
-        server.shutdown()
-        thread.join()
-
-
-def test_search_works_and_pictures_follow_the_palette(address: str, browser: Any) -> None:
-    tab = browser.new_page(color_scheme="dark")
-    asked: list[str] = []
-    tab.on("request", lambda request: asked.append(request.url))
-    tab.goto(address)
-    shown = "[...document.images].filter(i => i.offsetParent).map(i => /-dark/.test(i.src))"
-    assert set(tab.evaluate(shown)) == {True}
-    tab.click("label[title='Use the light palette']:visible")
-    assert set(tab.evaluate(shown)) == {False}
-    tab.click("input[data-md-component=search-query]")
-    tab.keyboard.type("renderer")
-    tab.wait_for_selector(".md-search-result__link[href$='#hapscene.Renderer']", state="attached")
-    assert [url for url in asked if not url.startswith((address, "data:", "blob:"))] == []

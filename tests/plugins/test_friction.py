@@ -129,24 +129,6 @@ def slides(draw):
     return path, draw(st.floats(0, 20)), dynamic + draw(st.floats(0, 1)), dynamic
 
 
-@settings(max_examples=100, deadline=None)
-@given(slides())
-def test_bounded_opposed_and_passive(bench, ticks, slide):
-    """|f| ≤ µ_s F_n, opposed to a long slide, and passive on any path."""
-    step, press_N, static, dynamic = slide
-    slip = np.column_stack([step, np.zeros(len(step))])
-    slip[-1] = (10.0, 0.0, 0.0)
-    rows = ticks(len(slip), slip_W_m=slip, normal_force_N=press_N)
-    params = dict(friction_static=static, friction_dynamic=dynamic, tangential_stiffness_N_m=K_N_M)
-    f = bench(FRICTION, params=params).run(rows)["f_W_N"]
-    size_N = np.linalg.norm(f, axis=1)
-    assert np.all(size_N <= static * press_N * (1 + 1e-12))
-    assert np.all(f[:, 2] == 0.0)
-    np.testing.assert_allclose(f[-1], [-dynamic * press_N, 0.0, 0.0], atol=1e-2 * (1 + static * press_N))
-    work_J = np.cumsum(-np.einsum("ni,ni->n", f, slip))
-    assert np.all(work_J >= size_N**2 / (2 * K_N_M) - 1e-12)
-
-
 CURVE = dict(static=0.5, dynamic=0.3, over=dict(friction_stribeck_m_s=0.02, friction_viscous_s_m=0.4))
 
 

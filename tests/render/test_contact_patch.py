@@ -67,24 +67,6 @@ def test_the_other_side_of_a_thin_body_is_not_loaded() -> None:
     assert np.count_nonzero(forces_N[:, 2]) > 8
 
 
-@pytest.mark.parametrize("radius_m", [0.0, 0.1, 0.7, 2.0])
-def test_the_load_moves_smoothly_over_edges(radius_m: float) -> None:
-    """A step of a hundredth of an edge changes each weight by less than three hundredths."""
-    n = 8
-    vertices, cell = np.c_[np.indices((n, n)).reshape(2, -1).T, np.zeros(n * n)], np.arange(n * n).reshape(n, n)
-    a, b, c, d = (part.ravel() for part in (cell[:-1, :-1], cell[1:, :-1], cell[1:, 1:], cell[:-1, 1:]))
-    faces = np.vstack((np.c_[a, b, c], np.c_[a, c, d]))
-
-    def load(p_m: np.ndarray) -> np.ndarray:
-        (i, j), (u, v) = p_m[:2].astype(int), p_m[:2] % 1.0
-        face = i * (n - 1) + j + (0 if u >= v else (n - 1) ** 2)
-        return spread_force(vertices, faces, face, p_m=p_m, f_N=np.array([0.0, 0.0, 1.0]), radius_m=radius_m)[:, 2]
-
-    path = np.linspace([3.13, 3.21, 0.0], [4.03, 3.65, 0.0], 101)
-    steps = np.abs(np.diff([load(p) for p in path], axis=0))
-    assert steps.max() < 0.03
-
-
 def disc(rings: int, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
     """A disc of concentric rings of vertices; vertex 0 is its centre."""
     angle = [2 * np.pi * np.arange(6 * k) / (6 * k) for k in range(1, rings + 1)]

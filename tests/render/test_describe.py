@@ -168,21 +168,3 @@ def test_the_axes_of_the_touched_body(renderer):
     rows = touches_of(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, -0.001]], {"box": turned})
     np.testing.assert_allclose(rows["x_WB"][1:], [[0, 1, 0]] * 2, atol=1e-12)
     np.testing.assert_allclose(rows["y_WB"][1:], [[-1, 0, 0]] * 2, atol=1e-12)
-
-
-def test_shaded_normal_on_a_slanted_face():
-    """The normal is the normalised blend of the corner normals, here shorter than 1 and along no axis of the world."""
-    tilt = trimesh.transformations.rotation_matrix(0.7, (0.2, 1.0, 0.3))
-    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
-    scene = hapscene.Scene()
-    scene.add(ball, name="ball", unit="m", pose=tilt)
-    renderer = hapscene.Renderer(scene, ["wall"], crease_rad=1.0)
-    corners = ball.triangles[0] @ tilt[:3, :3].T
-    centre, outward = corners.mean(axis=0), np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    outward /= np.linalg.norm(outward)
-    touch = touches_of(renderer, [centre + 0.003 * outward, centre - 0.0007 * outward])[1]
-    blend = corners.sum(axis=0)  # the corner normals of a ball point away from its centre
-    assert np.linalg.norm(corners / 0.05, axis=1).mean() > np.linalg.norm(blend / 3.0 / 0.05) + 0.01
-    assert np.abs(blend / np.linalg.norm(blend)).min() > 0.05
-    np.testing.assert_allclose(touch["nhat_W"], blend / np.linalg.norm(blend), atol=1e-3)
-    assert np.linalg.norm(touch["nhat_W"]) == pytest.approx(1.0, abs=1e-12)

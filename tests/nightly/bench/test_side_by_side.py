@@ -4,13 +4,11 @@ import re
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from hapscene.errors import HapsceneError
 from hapscene_evidence.bench.case import RADIUS_M, sphere_cases
 from hapscene_evidence.bench.sheet import Sheet
-from hapscene_evidence.bench.side_by_side import OURS, Turn, beside, find_drivers, measure
+from hapscene_evidence.bench.side_by_side import OURS, find_drivers, measure
 from hapscene_evidence.bench.side_by_side_page import add_peers
 from hapscene_evidence.page import Page
 
@@ -48,19 +46,6 @@ def build(folder: Path, name: str = "chai_path", text: str = PEER) -> Path:
     return folder
 
 
-def test_ratios_are_of_ticks_in_which_both_are_in_contact() -> None:
-    ours, theirs = np.zeros((4, 9)), np.zeros((4, 8))
-    ours[:, 6:], theirs[:, 6:] = (1, 1000, 2000), (1, 3000)
-    ours[0, 6] = theirs[3, 6] = 0
-    ours[0, 7], theirs[3, 7], theirs[2, 0] = 1e9, 1e9, 2e-6
-    found = beside(Turn(theirs, 7.0), Turn(ours, 9.0))
-    assert found["over contact median"] == found["over contact p99"] == 3.0 and found["over tick p99"] == 1.5
-    assert found["build"] == 7.0 and found["ticks in contact"] == 3
-    assert found["contact p99"] == 3.0 and found["proxy away p99"] == pytest.approx(2.0)
-    theirs[:, 6] = 0
-    assert np.isnan(beside(Turn(theirs, 7.0), Turn(ours, 9.0))["over contact p99"])
-
-
 @pytest.fixture(scope="module")
 def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
     """Two fake renderers and hapscene on a small sphere, two rounds hot and one cold."""
@@ -89,19 +74,3 @@ def test_page_is_the_same_from_the_file(sheet: Sheet, tmp_path: Path) -> None:
     sheet.write(tmp_path / "peers.csv")
     assert section(Sheet.read(tmp_path / "peers.csv")).count("|") == page.count("|")
     assert "Not measured." in section(None)
-
-
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [
-        ("sys.exit('no memory')", "no memory"),
-        ("os._exit(3)", "exit code 3"),
-        ("", "wrote 0 bytes; expected 400 ticks of 8 numbers"),
-        ("open(sys.argv[3], 'wb').write(bytes(400 * 64))", "no line build_ms"),
-    ],
-)
-def test_faulty_program_is_reported(tmp_path: Path, text: str, error: str) -> None:
-    drivers = find_drivers(build(tmp_path, "hapi_path", f"#!{sys.executable}\nimport os, sys\n{text}\n"))
-    del drivers[OURS]
-    with pytest.raises(HapsceneError, match=rf"HAPI on sphere 0 k .*: {error}"):
-        measure(drivers, sphere_cases((1,), 400), 1, 0, lambda _: None)

@@ -193,12 +193,6 @@ def _zip(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
     return parts, join
 
 
-def _npy(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
-    end = 10 + struct.unpack_from("<H", content, 8)[0]
-    magic = content[:8]
-    return [content[10:end], content[end:]], lambda p: magic + struct.pack("<H", len(p[0]) % 65536) + p[0] + p[1]
-
-
 def _glb(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
     size = struct.unpack_from("<I", content, 12)[0]
     tree, rest = content[20 : 20 + size], content[28 + size :]
@@ -211,20 +205,6 @@ def _glb(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
     return [tree, rest], join
-
-
-def _riff(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
-    parts, at = [], 12
-    while at < len(content):
-        size = struct.unpack_from("<I", content, at + 4)[0]
-        parts.append(content[at : at + 4] + content[at + 8 : at + 8 + size])
-        at += 8 + size + size % 2
-
-    def join(parts: list[bytes]) -> bytes:
-        body = b"".join(p[:4] + struct.pack("<I", max(0, len(p) - 4)) + p[4:] + b"\0" * (len(p) % 2) for p in parts)
-        return struct.pack("<4sI4s", b"RIFF", 4 + len(body), b"WAVE") + body
-
-    return parts, join
 
 
 def _record(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
@@ -251,6 +231,5 @@ def _probe(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
 
 
 SHELLS = {
-    b"PK\3\4": _zip, b"\x93NUMPY\1": _npy, b"glTF": _glb, b"RIFF": _riff,
-    b"hapscene record": _record, b"#hapscene-probe": _probe,
+    b"PK\3\4": _zip, b"glTF": _glb, b"hapscene record": _record, b"#hapscene-probe": _probe,
 }  # fmt: skip

@@ -28,9 +28,6 @@ if INTERPRETED:
 WITHIN_S = 0.02
 """Time within which the force ends if the application ends or is stopped, see `hapscene.device.safety` [s]."""
 
-GUARDED_S = 0.1
-"""The same if the servo ends or is stopped: its main thread must get the processor to receive a signal [s]."""
-
 
 def slack_s() -> float:
     """Return the additional time for a loaded machine, on which the emulated board gets the processor late [s]."""
@@ -168,12 +165,3 @@ def test_terminal_signals_remove_the_force(rig: Rig, key: signal.Signals) -> Non
     at_ns = time.monotonic_ns()
     os.killpg(rig.application.pid, key)
     assert rig.force_ended_after(at_ns) < WITHIN_S + slack_s()
-
-
-def test_servo_reports_a_lost_device(rig: Rig) -> None:
-    os.kill(rig.application.pid, signal.SIGSTOP)  # its calls are delayed
-    rig.board.set(gone=1)
-    time.sleep(2.0 * GUARDED_S)  # longer than the patience of the watchdog
-    os.kill(rig.application.pid, signal.SIGCONT)
-    _, errors = rig.application.communicate(timeout=PATIENCE_S)
-    assert "reconnect it" in errors
