@@ -101,6 +101,25 @@ def test_invalid_textures_are_rejected() -> None:
             Texture(**(fields | change))
 
 
+@pytest.mark.parametrize("rate_Hz", [5000.0, 44_100.0])
+def test_resampling_keeps_the_common_band(rate_Hz: float) -> None:
+    texture = make_texture(order=20)
+    other = texture.resampled(rate_Hz)
+    assert other.rate_Hz == rate_Hz
+    frequency = np.linspace(20.0, 1000.0, 500)
+    nyquist = min(rate_Hz, 10_000.0) / 2
+    fine = (np.arange(20_000) + 0.5) * nyquist / 20_000
+    for force, slip in ((texture.force_N[0], texture.speed_m_s[0]), (texture.force_N[1], texture.speed_m_s[1])):
+        in_band, in_whole = [], []
+        for t in (texture, other):
+            a, variance = t.model(force, slip)
+            for grid, into in ((frequency, in_band), (fine, in_whole)):
+                _, h = freqz([1.0], a, worN=grid, fs=t.rate_Hz)
+                into.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
+        assert np.sqrt(np.mean((10 * np.log10(in_band[0] / in_band[1])) ** 2)) < 0.5
+        assert abs(10 * np.log10(in_whole[0].sum() / in_whole[1].sum())) < 0.1
+
+
 @pytest.mark.parametrize("rate_Hz", [5000.0, 48_000.0])
 @pytest.mark.parametrize("name", ["wood", "epoxy"])
 def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
