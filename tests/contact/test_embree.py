@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.embree import Search, first_face, new_ray
+from hapscene.contact.embree import MITRE, Search, first_face, new_ray, overlap_faces
 
 SKIN_M = 1e-6
 
@@ -64,3 +64,30 @@ def test_faces_without_area_are_left_out(triangle):
 
 def test_ray_buffer_is_aligned():
     assert all(new_ray().ctypes.data % 16 == 0 for _ in range(8))
+
+
+def offset_by_numpy(vertices_m: np.ndarray, faces: np.ndarray, center_m: np.ndarray, overlap_m: float) -> np.ndarray:
+    """Reference for `overlap_faces` that tests all faces."""
+    corners = vertices_m[faces] - center_m
+    edges = np.roll(corners, -1, axis=1) - corners
+    lengths = np.linalg.norm(edges, axis=2)
+    double_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inradius = double_area / lengths.sum(axis=1)
+        opposite = np.roll(lengths, -1, axis=1)
+        spoke = corners - (corners * opposite[:, :, None]).sum(axis=1)[:, None] / lengths.sum(axis=1)[:, None, None]
+        most = MITRE * overlap_m / np.linalg.norm(spoke, axis=2)
+        grown = corners + spoke * np.minimum(overlap_m / inradius[:, None], most)[:, :, None]
+        grown[~(double_area / lengths.max(axis=1) >= overlap_m)] = np.nan
+    return grown.astype(np.float32).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("overlap_m", [0.0, 1e-6, 0.3])
+def test_overlap_equals_numpy_reference_exactly(overlap_m):
+    random = np.random.default_rng(3)
+    vertices = np.concatenate([random.normal(size=(60, 3)), random.integers(-2, 3, (40, 3)), np.zeros((2, 3))])
+    faces = random.integers(0, len(vertices), (5000, 3)).astype(np.int32)  # some narrow, some without area
+    out, center = np.empty((3 * len(faces), 3), np.float32), np.array([0.1, -0.2, 3.0])
+    overlap_faces(vertices, faces, center, overlap_m, out)
+    np.testing.assert_array_equal(out, offset_by_numpy(vertices, faces, center, overlap_m))
+    assert 0 < np.isnan(out[:, 0]).sum() < len(out) / 2

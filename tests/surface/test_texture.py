@@ -11,10 +11,10 @@ from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import freqz, lfilter
 
 from hapscene.constants import LEVEL_BOUND_DB
-from hapscene.dsp.ar_filter import ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
+from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
 from hapscene.surface.gain_modulation import GainModulation
-from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form
+from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
 from hapscene.swatches.library import load_swatch
 
 
@@ -135,6 +135,31 @@ def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
 
 
 # Interpolations: all are stable and have the right power.
+
+
+def wild_pairs(order: int, count: int = 1000) -> tuple[np.ndarray, np.ndarray]:
+    """Return two sets of random stable filters (count, order+1), from random line spectral frequencies."""
+    rng = np.random.default_rng(order)
+    one, two = np.sort(rng.uniform(0.0, np.pi, (2, count, order)), axis=2)
+    return ar_from_lsf(one), ar_from_lsf(two)
+
+
+@pytest.mark.parametrize(("order", "share"), [(3, 0.13), (8, 0.73), (20, 0.99)])
+def test_between_random_pairs_only_the_direct_form_is_unstable(order: int, share: float) -> None:
+    """Share of pairs that are unstable somewhere between; the reference has 25, 75, 98 % for unspecified pairs."""
+    one, two = wild_pairs(order)
+    unstable = np.zeros(len(one), bool)
+    for weight in np.linspace(0.0, 1.0, 21):
+        mean = (1 - weight) * one + weight * two
+        gain = power_gain(mean)
+        unstable |= ~np.isfinite(gain)
+        made = stabilised(mean)
+        assert np.all(power_gain(made) < GAIN_MAX)
+        calm = gain < GAIN_MAX
+        assert np.array_equal(made[calm], mean[calm])  # stable filters are unchanged
+        k = (1 - weight) * reflection_from_ar(one) + weight * reflection_from_ar(two)
+        assert np.all(np.abs(k) < 1.0)
+    assert unstable.mean() == pytest.approx(share, abs=0.04)
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
