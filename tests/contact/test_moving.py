@@ -182,6 +182,18 @@ def test_body_that_hits_the_tool_at_speed_pushes_it_out(seed):
     assert away_m.min() > -chord_m - 1e-6  # of a polygon, which lies inside the ring
 
 
+def test_names_that_change_from_tick_to_tick():
+    """Each combination of names has its own slots; arrays and lists give the same bits."""
+    arrays, lists = (hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), ["wall"]) for _ in range(2))
+    for k in range(150):
+        poses = {f"box {k % 2}": at((k % 2, 0.0, 1e-5 * k)), f"box {1 - k % 2}": at((1 - k % 2, 0.0, 1e-5 * k))}
+        poses = dict(list(poses.items())[: 1 + k % 3 // 2])
+        a = arrays.step(ON_TOP if k else (0.01, 0.02, 0.06), poses)
+        b = lists.step(ON_TOP if k else (0.01, 0.02, 0.06), {name: X.tolist() for name, X in poses.items()})
+        assert a.f_W_N.tobytes() == b.f_W_N.tobytes() and a.flags == b.flags == Flag(0)
+    assert a.contact.depth_m == pytest.approx(0.05 + 1e-5 * 149 - 0.049)
+
+
 def test_invalid_moving_bodies_are_rejected():
     renderer = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), [])
     for names in (["crate"], ["box 0", "box 0"]):

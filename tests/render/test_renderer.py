@@ -218,6 +218,15 @@ def test_a_jump_past_a_body_is_reported():
     assert renderer.step((0.0, 0.0, 4.0)).flags == Flag(0)
 
 
+def test_a_transposed_pose_is_refused():
+    renderer, X_WB = hapscene.Renderer(scene(), ["wall"]), np.eye(4)
+    renderer.step((0.0, 0.0, 0.02))
+    X_WB[0, 3] = 1e-3
+    assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB}).flags == Flag(0)
+    with pytest.warns(UsageWarning, match="transposed"):
+        assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB.T}).flags == Flag.POSE_REFUSED
+
+
 def test_a_parameter_that_the_effect_does_not_have_is_reported():
     bark = Swatch("bark", effects={"wall": {"dampng_Ns_m": 1.0}})
     with pytest.warns(UserWarning, match=r"'bark'.*'wall'.*'dampng_Ns_m'.*did you mean 'damping_Ns_m'"):

@@ -1,11 +1,13 @@
 """The Z-width: classification of trials, and the boundary of the region."""
 
+import pytest
+
 from hapscene.device.model import device_named
 from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.stability.rig import Rig
-from hapscene.stability.z_width import REST_M_S, WORK_J, place, trace, try_wall
+from hapscene.stability.z_width import REST_M_S, WORK_J, Point, describe, place, trace, try_wall
 from hapscene.surface.swatch import Swatch
 
 LIGHT = grip_named("light")
@@ -39,3 +41,21 @@ def test_the_omni_is_stable_within_its_limits() -> None:
     steel, felt = points
     assert not steel.stable and steel.capped_stable and steel.capped_N_m < 1000.0
     assert felt.stable and felt.capped_stable and felt.capped_N_m == 200.0
+
+
+@pytest.mark.parametrize(
+    ("point", "expected"),
+    [
+        (
+            Point("wood", 5000.0, 0.0, 700.0, 0.0, False, True),
+            "wood: 5000 N/m is unstable at 1 kHz; the device limits it to 700 N/m, which is stable",
+        ),
+        (Point("felt", 200.0, 0.5, 200.0, 0.5, True, True), "felt: 200 N/m, 0.5 N·s/m is stable at 1 kHz"),
+        (
+            Point("gel", 700.0, 0.0, 700.0, 0.0, False, False),
+            "gel: 700 N/m is unstable at 1 kHz; it is within the limits of the device",
+        ),
+    ],
+)
+def test_describe(point: Point, expected: str) -> None:
+    assert describe(point, 1000.0, 0) == expected
