@@ -56,12 +56,6 @@ def test_overlap_closes_a_crack(triangle):
     assert shoot(triangle, beyond, beyond + up).tolist() == [-1]
 
 
-def test_faces_without_area_are_left_out(triangle):
-    vertices = np.concatenate([triangle.vertices, [[0.02, 0.02, 0.01]] * 3])
-    mesh = trimesh.Trimesh(vertices, [[3, 4, 5], [0, 0, 1], [0, 1, 2]], process=False)
-    assert shoot(mesh, [0.02, 0.02, 0.0], np.array([0.02, 0.02, 0.1])).tolist() == [2]
-
-
 def test_ray_buffer_is_aligned():
     assert all(new_ray().ctypes.data % 16 == 0 for _ in range(8))
 
