@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trimesh.creation import cylinder, icosphere
+from trimesh.creation import box, cylinder, icosphere
 
 from hapscene.paint.model.mesh import (
     FACING_RAD,
