@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 
 from hapscene.capture.fit.segment import InteractionState
 
+from .signals import resonant
+
 STIFFNESS_N_M, FRICTION, TAP_HZ, TAP_DECAY_1_S, TAP_GAIN_1_S = 500.0, 0.35, 180.0, 70.0, 100.0
 
 
@@ -26,14 +28,6 @@ class Truth:
     change: int
     """sample at which the surface changes during sliding"""
     tap_m_s: list[float] = field(default_factory=list)
-
-
-def resonant(frequency_Hz: list[float], radius: float, rate_Hz: float) -> np.ndarray:
-    """The filter with a pair of poles at each frequency."""
-    a = np.array([1.0])
-    for f in frequency_Hz:
-        a = np.convolve(a, [1.0, -2.0 * radius * np.cos(2 * np.pi * f / rate_Hz), radius**2])
-    return a
 
 
 def played(a: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

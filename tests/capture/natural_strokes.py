@@ -1,4 +1,4 @@
-"""Recordings of a hand that strokes and presses, with known friction and contact: for tests of 95 % intervals.
+"""Recordings of a hand that strokes, with known friction: for tests of 95 % intervals.
 
 A stroke has a minimum-jerk profile (Flash & Hogan 1985). Friction holds or drags a tip on a spring and a damper. The
 strokes of a recording are not independent samples: friction differs between strokes, directions and places, and the
@@ -74,7 +74,7 @@ def stroked(surface: Surface, hand: Hand, seed: int) -> SegmentedRecording:
     local = map_coordinates(patches, cell, order=1, mode="nearest") + np.concatenate(rough)
     pressed = hand.force_N * np.exp(0.15 * _wander(rng, count, 1.0)) + 0.1 * _wander(rng, count, 0.2)
     pressed = np.maximum(pressed, 0.3)
-    moved = _dragged(
+    moved = dragged(
         np.repeat(drive_m_s, STEPS), np.repeat(pressed * (1.0 + local), STEPS), 1.0 / (STEPS * RATE_HZ),
         surface.static, surface.dynamic, surface.stribeck_m_s, surface.viscous_s_m,
     )  # fmt: skip
@@ -86,42 +86,6 @@ def stroked(surface: Surface, hand: Hand, seed: int) -> SegmentedRecording:
         _sensed(pressed, rng),
         speed_of([tracked], RATE_HZ),
         _sensed(friction, rng),
-    )
-    return channels, segment(channels)
-
-
-def pressed_in(
-    stiffness_N_m: float, hunt_crossley_Ns_m2: float, damping_Ns_m: float, hand: Hand, seed: int
-) -> SegmentedRecording:
-    """A recording of presses into a soft surface with F = K d + (B + χ d) ḋ, `hand.strokes` times."""
-    rng = np.random.default_rng(seed)
-    depth = [np.full(round(0.3 * RATE_HZ), -0.004)]
-    for _ in range(hand.strokes):
-        deepest, duration, rest = (
-            m * np.exp(hand.spread * rng.standard_normal())
-            for m in (hand.force_N / stiffness_N_m, hand.duration_s, hand.rest_s)
-        )
-        share = (np.arange(round(0.5 * duration * RATE_HZ)) + 0.5) / round(0.5 * duration * RATE_HZ)
-        way = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        down = -0.004 + (deepest + 0.004) * way
-        held = np.full(round(rest * RATE_HZ), deepest)
-        up = down[::-1] if rng.random() < 0.7 else -0.004 + (deepest + 0.004) * way[::-1] ** 2
-        depth += [down, held, up, np.full(round(rest * RATE_HZ), -0.004)]
-    path = np.concatenate(depth)
-    count = len(path)
-    path = path + 5e-5 * _wander(rng, count, 0.15)
-    speed = np.gradient(path) * RATE_HZ
-    own = stiffness_N_m * (1.0 + 0.02 * np.repeat(rng.standard_normal(1 + count // 900), 900)[:count])
-    force = np.where(path > 0.0, own * path + (damping_Ns_m + hunt_crossley_Ns_m2 * path) * speed, 0.0)
-    tracked = np.round((path + 2e-5 * _wander(rng, count, 3.0) + 1e-5 * rng.standard_normal(count)) / 5e-6) * 5e-6
-    beside = np.round(1e-5 * rng.standard_normal(count) / 5e-6) * 5e-6
-    channels = clean(
-        0.02 * rng.standard_normal(count),
-        RATE_HZ,
-        _sensed(np.maximum(force, 0.0), rng),
-        speed_of([beside], RATE_HZ),
-        None,
-        tracked,
     )
     return channels, segment(channels)
 
@@ -141,7 +105,7 @@ def _wander(rng: np.random.Generator, count: int, time_s: float) -> Array:
 
 
 @numba.njit
-def _dragged(
+def dragged(
     drive_m_s: Array,
     normal_N: Array,
     h_s: float,
@@ -149,20 +113,23 @@ def _dragged(
     dynamic: float,
     stribeck_m_s: float,
     viscous_s_m: float,
+    mass_kg: float = 0.02,
+    spring_N_m: float = 2000.0,
+    damping_Ns_m: float = 12.0,
 ) -> Array:
-    """Speed and friction (2, n) of a tip of 20 g on a spring of 2 N/mm and a damper of 12 N·s/m."""
+    """Speed and friction (2, n) of a tip on a spring and a damper that are pulled at the speeds `drive_m_s`."""
     made = np.zeros((2, len(drive_m_s)))
     stretch = v = 0.0
     for i in range(len(drive_m_s)):
         n = normal_N[i]
-        pull = 2000.0 * stretch + 12.0 * (drive_m_s[i] - v)
+        pull = spring_N_m * stretch + damping_Ns_m * (drive_m_s[i] - v)
         if v == 0.0 and abs(pull) <= static * n:
             friction = pull
         else:
             size = abs(v)
             ratio = dynamic + (static - dynamic) * np.exp(-((size / stribeck_m_s) ** 2)) + viscous_s_m * size
             friction = ratio * n * (np.sign(v) if v != 0.0 else np.sign(pull))
-            moved = v + h_s / 0.02 * (pull - friction)
+            moved = v + h_s / mass_kg * (pull - friction)
             v = 0.0 if v * moved < 0.0 else moved
         stretch += h_s * (drive_m_s[i] - v)
         made[0, i], made[1, i] = v, friction

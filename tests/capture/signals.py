@@ -24,6 +24,12 @@ def played(a: np.ndarray, count: int, seed: int = 0, snr_dB: float = np.inf) -> 
     return np.asarray(y + rng.standard_normal(count) * y.std() * 10 ** (-snr_dB / 20))
 
 
+def noisy(stream: np.ndarray, rng: np.random.Generator, snr_dB: float = 20.0) -> np.ndarray:
+    """Adds white noise with a given SNR relative to the nonzero part of a stream (n,)."""
+    level = np.sqrt(np.mean(stream[stream != 0.0] ** 2)) * 10 ** (-snr_dB / 20)
+    return np.asarray(stream + level * rng.standard_normal(len(stream)))
+
+
 def fit(acceleration_m_s2: Any, rate_Hz: Any, **given: Any) -> Swatch:
     """Fits a swatch to streams; other arguments are fields of `FitOptions`."""
     streams = {name: given.pop(name) for name in list(given) if name.endswith(("_N", "_m_s", "_m", "_rad", "_Nm"))}

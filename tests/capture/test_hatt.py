@@ -161,10 +161,6 @@ def test_unusual_but_valid_files(tmp_path: Path) -> None:
     flat = "<tri><value>1</value><value>2</value><value>3</value></tri>\n<tri><value>4</value><value>4</value>"
     flat += "<value>5</value></tri>\n<tri>"
     degenerate = edited(text, ("<tri>", flat))
-    models = text.index("<model>")
-    end = text.index("</modelSet>")
-    shuffled = text[:models] + "".join(reversed(text[models:end].splitlines(keepends=True)))
-    shuffled = shuffled.replace("</model>\n<var>", "<var>")
     odd = {
         "degenerate": degenerate,
         "spaces": text.replace("<value>", "<value>\n\t ").replace("</value>", "  </value>"),
@@ -182,17 +178,11 @@ def test_unusual_but_valid_files(tmp_path: Path) -> None:
 
 BAD: dict[str, tuple[tuple[str, str], str]] = {
     "unit": (("mm/s</Speed", "furlong</Speed"), r"<SpeedUnits>: expected mm/s, found 'furlong'"),
-    "acceleration": (("m/s^2", "g"), r"<AccelUnits>: expected m/s\^2, found 'g'"),
     "rate": (("10000", "0"), r"<SampleRate>: expected 100 to 1000000 Hz, found 0"),
-    "rate word": (("10000", "fast"), r"<SampleRate>: expected finite numbers, found 'fast'"),
     "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: .*1 to 25"),
     "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 2: expected 17 ARlsf as in model 1"),
     "nan": (("<var>", "<var>nan "), r"<model> 1, <var>: expected finite numbers, found 'nan"),
-    "huge": (("<var>", "<var>1e999"), r"<model> 1, <var>: expected finite numbers"),
     "negative": (("<var>", "<var>-1"), r"<model> 1, <var>: expected a number, 0 or more, found '-1"),
-    "no var": (("<var>", "<v>"), "not XML"),
-    "mu": (("<mu>0.4", "<mu>40"), "friction must be"),
-    "other root": (("<modelSet ", "<modelset "), "not XML"),
     "zeros": (("<MAcoeff>", "<MAcoeff><value>0.5</value>"), r"<model> 1, <MAcoeff>"),
 }
 

@@ -10,7 +10,6 @@ import pytest
 from hapscene.capture.io.hsrec import load_record
 from hapscene.capture.record import recorder
 from hapscene.capture.record.recorder import RecordingResult, record
-from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.io.wire.protocol import Column, Header, sample_line
 from tests.header_line import header_line
@@ -153,12 +152,6 @@ def test_existing_files_are_not_overwritten(tmp_path: Path, out: str, message: s
     with pytest.raises(CaptureError, match=message):
         record("no port", tmp_path / out)
     assert (tmp_path / "there.hsrec").read_bytes() == b"dear"
-
-
-def test_a_missing_port_is_one_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "record", "--port", "/dev/nothing", "-o", str(tmp_path / "a.hsrec")]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("hapscene: /dev/nothing: ") and error.count("\n") == 1
 
 
 def test_the_level_is_printed_each_second(play: Play) -> None:

@@ -87,12 +87,6 @@ def test_a_part_contains_all_streams() -> None:
         assert cut.tangential_force_N is None
 
 
-def test_optional_streams_are_kept() -> None:
-    streams = clean(NOISE, RATE_HZ, 1.0, 0.1, grip_force_N=5.0)
-    assert streams.grip_force_N is not None and np.all(streams.grip_force_N == 5.0)
-    assert streams.torque_Nm is None and streams.contact_angle_rad is None
-
-
 def test_the_contact_angle_is_a_magnitude_in_radians() -> None:
     tilt = 0.3 * np.sin(np.arange(len(NOISE)) / 300.0)
     streams = clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=tilt)

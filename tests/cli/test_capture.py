@@ -1,6 +1,5 @@
 """`hapscene capture`."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -44,13 +43,6 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert text in output
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
-def test_a_recording_of_an_undecodable_name_is_fitted(tmp_path: Path) -> None:
-    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
-    assert run(str(write(tmp_path / "a\udcff.csv")), "-o", str(tmp_path / "oak.swatch"), *options) == 0
-    assert "to a\\udcff.csv" in load_swatch(tmp_path / "oak.swatch").provenance
-
-
 def test_several_recordings_are_pooled(tmp_path: Path) -> None:
     files = [str(write(tmp_path / f"{i}.csv", i)) for i in range(3)]
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
@@ -58,20 +50,6 @@ def test_several_recordings_are_pooled(tmp_path: Path) -> None:
     swatch = load_swatch(tmp_path / "oak.swatch")
     assert swatch.name == "oak" and swatch.texture is not None and swatch.texture.order == 4
     assert "0.csv, 1.csv, 2.csv" in swatch.provenance
-
-
-@pytest.mark.nightly
-def test_batch_and_resuming(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, out = tmp_path / "in", tmp_path / "swatches"
-    folder.mkdir()
-    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4", "--jobs", "1")
-    for count, output in ((2, "2 fitted"), (3, "1 fitted, 2 skipped, 0 failed")):
-        for i in range(count):
-            if not (folder / f"r{i}.csv").exists():
-                write(folder / f"r{i}.csv", i)
-        assert main(["capture", "batch", str(folder), "--out", str(out), *options]) == 0
-        assert output in capsys.readouterr().out
-    assert [load_swatch(out / f"r{i}.swatch").name for i in range(3)] == ["r0", "r1", "r2"]
 
 
 @pytest.mark.parametrize(
@@ -112,39 +90,11 @@ def test_missing_input_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixt
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "b.csv"]
 
 
-@pytest.mark.nightly
-def test_default_name_of_a_swatch(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "in").mkdir()
-    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
-    assert run(str(write(tmp_path / "in" / "oak.csv")), *options) == 0
-    assert "  oak.swatch  (" in capsys.readouterr().out
-    before = (tmp_path / "oak.swatch").read_bytes()
-    assert run("in/oak.csv", *options) == 2
-    assert (tmp_path / "oak.swatch").read_bytes() == before
-
-
 # `hapscene capture report`, as typed.
 
 
 def run_report(*words: str) -> int:
     return main(["capture", "report", *words])
-
-
-def test_report_without_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_report("wood", "-o", str(tmp_path / "wood.html")) == 0
-    assert "wood.html" in capsys.readouterr().out
-    assert (tmp_path / "wood.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-
-
-def test_report_with_a_recording(tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).standard_normal(4000)
-    np.savetxt(tmp_path / "noise.csv", noise, header="a", comments="")
-    options = ("--rate", "2000", "--columns", "acceleration=a", "--units", "acceleration=m/s2")
-    run_report("wood", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "wood.html"), *options)
-    assert "noise.csv: 2.00 s at 2000 Hz" in (tmp_path / "wood.html").read_text(encoding="utf-8")
 
 
 def test_a_report_reads_the_recording_as_the_fit_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

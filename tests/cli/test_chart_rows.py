@@ -55,17 +55,6 @@ def test_lever_that_moves_the_time_by_less_than_the_noise_is_not_claimed(points:
     assert "noise" in found.cells()[3]
 
 
-def test_memory_is_claimed_if_the_time_does_not_change() -> None:
-    found = row(*(point(n, 2.0, 0.1, errors={"off": 0.1, "memory": MB}) for n, MB in (("40", 8.0), ("20", 1.0))))
-    assert found.saves_memory and not found.saves_time and found.chosen.label == "20"
-    assert sentences([found]) == ["Save memory: Order (20: 7 MB)."]
-
-
-def test_setting_that_passes_by_chance_is_not_chosen() -> None:
-    found = row(point("40", 3.0, 0.1), point("20", 2.0, 1.2), point("8", 1.0, 0.9))
-    assert found.chosen.label == "40"
-
-
 def test_error_of_a_reference_is_subtracted() -> None:
     held = (("40", 3.0, 1.4), ("20", 2.0, 1.3), ("8", 1.0, 2.5))
     found = row(*(point(name, us, 0.0, errors={"off": 0.1, "held": jnd}) for name, us, jnd in held))
@@ -76,19 +65,6 @@ def test_error_of_a_reference_is_subtracted() -> None:
 def test_largest_error_of_all_cases_counts(off: float) -> None:
     found = row(point("40", 3.0, 0.1), point("20", 1.0, 0.1, case="a"), point("20", 1.0, off, case="b"))
     assert found.chosen.label == "40"
-
-
-def test_default_above_the_limit_is_reported() -> None:
-    found = row(point("40", 1.0, 5.0), point("other", 1.5, 0.5, method="better"))
-    assert found.chosen.label == "other" and found.cells()[3].startswith("costs 0.5 µs")
-    assert "Order (5.00 times; use better, other)" in sentences([found])[-1]
-
-
-def test_default_is_kept_if_no_setting_is_below_the_limit() -> None:
-    found = row(point("40", 1.0, 5.0), point("other", 0.5, 4.0, method="softer"))
-    assert found.chosen == found.default and found.cells()[2] == "none" and "5.00" in found.cells()
-    (sentence,) = sentences([found])
-    assert sentence.startswith("No setting") and "Order (default: 5.00, levels" in sentence
 
 
 def test_settings_with_the_same_program_are_merged() -> None:

@@ -9,7 +9,6 @@ import pytest
 import trimesh
 
 from hapscene.cli import main
-from hapscene.paint.model.document import file_hash
 from hapscene.scene.scene import Scene
 
 
@@ -72,23 +71,3 @@ def test_pipes_are_refused(
     assert main([*words, name]) == 2
     assert capsys.readouterr().err.startswith(f"hapscene: {name}: ")
     assert main(["check", "meshes/a.ply", name, "--unit", "mm"]) == 2
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-def test_pipes_beside_a_scene_are_ignored(folder: Path, unhung: None) -> None:
-    scene = Scene()
-    scene.add("meshes/a.ply", unit="mm")
-    os.mkfifo("other.scene.json")
-    os.mkfifo("x.a.0123abcd.ply")
-    (folder / "x.scene.json").write_text("x.a.0123abcd.ply")
-    scene.save("x.scene.json")
-    os.mkfifo("y.scene.json")
-    scene.save("y.scene.json")
-    with pytest.raises(Exception, match=r"other\.scene\.json: cannot be read"):
-        file_hash(Path("other.scene.json"))
-
-
-def test_a_broken_link(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("meshes/gone.glb").symlink_to("nowhere")
-    assert main(["check", "meshes/gone.glb"]) == 2
-    assert capsys.readouterr().err == "hapscene: meshes/gone.glb: no such file\n"

@@ -5,7 +5,6 @@ import sys
 import pytest
 
 from hapscene.cli.console import (
-    format_size,
     print_error,
     print_in_place,
     print_lines,
@@ -13,20 +12,6 @@ from hapscene.cli.console import (
     print_progress,
     ready_streams,
 )
-
-
-@pytest.mark.parametrize(
-    ("size_B", "expected"),
-    [(0, "0 B"), (464, "464 B"), (1000, "1 kB"), (12_345, "12.3 kB"), (999_600, "1 MB"), (65_536_084, "65.5 MB")],
-)
-def test_sizes_have_three_digits(size_B: float, expected: str) -> None:
-    assert format_size(size_B) == expected
-
-
-def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
-    print_progress("loading … ")
-    print_progress("1.20 s\n")
-    assert capsys.readouterr().out == "loading … 1.20 s\n"
 
 
 def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

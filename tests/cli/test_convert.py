@@ -73,16 +73,6 @@ def test_replace(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert desk.with_name("desk.mtl").read_text().startswith("newmtl")
 
 
-def test_material_names_select_swatches(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = desk.with_name("part.obj")
-    file.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nusemtl paper\nf 1 2 3\n")
-    assert main(["convert", str(file), str(desk.with_name("part.scene.json"))]) == 2
-    assert "--unit mm" in capsys.readouterr().err
-    assert main(["convert", str(file), str(desk.with_name("part.scene.json")), "--unit", "mm"]) == 0
-    assert "1 of 1 faces painted" in capsys.readouterr().out
-    assert main(["convert", str(file), str(desk.with_name("part.glb")), "--unit", "mm"]) == 0
-
-
 @pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
 def test_interrupted_export_leaves_no_file(
     suffix: str, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

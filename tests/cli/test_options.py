@@ -7,10 +7,9 @@ import pytest
 import trimesh
 
 from hapscene.cli import app, main
-from hapscene.cli.inputs import UNITS, base_name, check_scene, check_there
+from hapscene.cli.inputs import check_scene, check_there
 from hapscene.cli.options import MeshOptions
 from hapscene.errors import HapsceneError, MeshError
-from hapscene.scene import mesh
 from tests.cli.command_lines import all_commands
 
 ODD = ("abc", "nan", "-inf", "inf", "1e999", "0x10", "1.5.2", "²", "1," * 9)
@@ -33,10 +32,6 @@ def test_number_options_require_finite_numbers(capsys: pytest.CaptureFixture[str
                         assert math.isfinite(bound.arguments.get(argument.field_info.name, 0)), (names, argument, text)
                 tried += 1
     assert tried > 30
-
-
-def test_copied_constants_are_equal() -> None:
-    assert tuple(mesh.UNIT_M) == UNITS
 
 
 @pytest.mark.parametrize(
@@ -74,14 +69,6 @@ def test_a_ply_needs_a_unit(tmp_path: Path) -> None:
     check_scene(str(tmp_path / "b.PLY"), MeshOptions(unit="inch"))
     with pytest.raises(MeshError, match="no unit of length 'mmm'"):
         check_scene(str(tmp_path / "b.PLY"), MeshOptions(unit="mmm"))
-
-
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [("meshes/bunny.ply", "bunny"), ("bunny.scene.json", "bunny"), ("v1.2.scene.json", "v1.2"), ("wood", "wood")],
-)
-def test_base_name(path: str, name: str) -> None:
-    assert base_name(path) == name
 
 
 @pytest.mark.parametrize(

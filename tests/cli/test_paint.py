@@ -105,17 +105,6 @@ def test_several_meshes(folder: Path) -> None:
     assert again.scene.bodies[-1].name == "ball 2" and again.undo() == "add 'ball 2'"
 
 
-def test_unit_of_several_meshes(folder: Path) -> None:
-    trimesh.creation.box((20.0, 20.0, 20.0)).export(folder / "part.stl")
-    trimesh.creation.box((0.03, 0.03, 0.03)).export(folder / "cup.glb")
-    for first, second in (("part.stl", "cup.glb"), ("cup.glb", "part.stl")):
-        session = open_session(first, unit="mm", more=[second])
-        assert {b.name: round(float(b.mesh.bounds_m[1, 0]), 9) for b in session.scene.bodies} == {
-            "part": 0.01,
-            "cup": 0.015,
-        }
-
-
 def test_earlier_painting_is_offered(folder: Path) -> None:
     assert earlier_scenes(None) == earlier_scenes(Path("cube.scene.json")) == []
     for expected in ("cube", "cube_2", "cube_3"):

@@ -102,14 +102,6 @@ def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) ->
     assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
 
 
-@terminals
-def test_a_background_process_does_not_change_the_terminal(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp() + 1)
-    with pressed_keys() as keys:
-        assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
-        assert keys() == ""
-
-
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", "--replay", "nowhere"]) == 2
     assert "nowhere" in capfd.readouterr().err

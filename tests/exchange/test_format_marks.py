@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from hapscene.cli import main
-from hapscene.errors import HapsceneError, SceneError
+from hapscene.errors import SceneError
 from hapscene.exchange import export_scene, import_scene, painted_scene
 from hapscene.exchange.swatch_payload import ExchangeWarning
 from hapscene.render.recording import Recording
@@ -42,16 +42,6 @@ def test_other_unit_raises(scene: Scene, tmp_path: Path) -> None:
         assert len(open_scene(file, "metres").bodies) == len(scene.bodies)
 
 
-def test_swatch_overrides_the_scene(scene: Scene, tmp_path: Path) -> None:
-    file = export_scene(scene, tmp_path / "desk.glb")[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", ExchangeWarning)
-        opened = open_scene(file, swatch="leather")
-    (body,) = opened.bodies
-    assert {opened.swatches[i].name for i in body.face_swatch} == {"leather"}
-    assert len(body.mesh.faces) == sum(len(b.mesh.faces) for b in scene.bodies)
-
-
 def foreign(folder: Path) -> Path:
     """A box of another program, with a material that has the name of a swatch."""
     box = trimesh.creation.box((0.1, 0.2, 0.3))
@@ -72,13 +62,6 @@ def test_file_of_another_program_is_a_mesh(tmp_path: Path, suffix: str) -> None:
     assert face_counts(opened) == {"box": {"plain": 12}}
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(np.linalg.norm((0.1, 0.2, 0.3)))
     assert face_counts(import_scene(file)) == {"box": {"wood": 12}}  # importing uses material names
-
-
-@pytest.mark.parametrize("name", ["none.glb", "empty.glb", "none.stl"])
-def test_missing_and_empty_files_raise(tmp_path: Path, name: str) -> None:
-    (tmp_path / "empty.glb").touch()
-    with pytest.raises(HapsceneError, match=name):
-        open_scene(tmp_path / name, "mm")
 
 
 def test_commands_open_scenes_and_print_losses(

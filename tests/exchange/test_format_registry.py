@@ -33,11 +33,6 @@ def test_invalid_path_or_format_raises(path: str, name: str | None, scene: Scene
     assert not list(tmp_path.iterdir())
 
 
-def test_empty_scene_raises(tmp_path: Path) -> None:
-    with pytest.raises(SceneError):
-        export_scene(Scene(), tmp_path / "desk.glb")
-
-
 @pytest.mark.parametrize(
     ("name", "there"), [(name, "desk" + EXPORTS[name].suffix) for name in EXPORTS] + [("obj", "desk.mtl")]
 )
@@ -75,3 +70,8 @@ def test_missing_and_empty_files_raise(content: bytes | None, tmp_path: Path) ->
         file.write_bytes(content)
     with pytest.raises(SceneError, match=file.name):
         import_scene(file)
+
+
+def test_empty_scene_raises(tmp_path: Path) -> None:
+    with pytest.raises(SceneError):
+        export_scene(Scene(), tmp_path / "desk.glb")

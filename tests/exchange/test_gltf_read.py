@@ -68,15 +68,6 @@ def _corners(body: Body) -> np.ndarray:
     return body.mesh.triangles_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
 
 
-def test_nested_meshes(tree: dict, read: Callable) -> None:
-    before = read(tree)
-    stone = _node(tree, 'Stein "1" <&>')
-    tree["nodes"].append({"name": "a group made elsewhere", "children": [stone["children"].pop()]})
-    stone["children"].append(len(tree["nodes"]) - 1)
-    for was, now in zip(before.bodies, read(tree).bodies, strict=True):
-        assert was.mesh.digest == now.mesh.digest and np.array_equal(was.face_swatch, now.face_swatch)
-
-
 def test_nested_bodies(tree: dict, read: Callable, scene: Scene) -> None:
     nut, stone = _node(tree, "nut"), _node(tree, 'Stein "1" <&>')
     index = tree["nodes"].index(nut)
@@ -112,24 +103,6 @@ def test_added_object_becomes_a_body(
         assert {back.swatches[i].name for i in added.face_swatch} == {"wood"}
 
 
-def test_copied_body(tree: dict, read: Callable) -> None:
-    nut = copy.deepcopy(_node(tree, "nut"))
-    nut["children"] = [len(tree["nodes"]) + i for i in range(len(nut["children"]))]
-    tree["nodes"] += [copy.deepcopy(tree["nodes"][child]) for child in _node(tree, "nut")["children"]]
-    tree["nodes"][0]["children"].append(len(tree["nodes"]))
-    tree["nodes"].append(nut)
-    back = read(tree)
-    assert [body.name for body in back.bodies][1::2] == ["nut", "nut_2"]
-    assert back.bodies[1].mesh is back.bodies[3].mesh
-
-
-def test_other_extensions_are_ignored(tree: dict, read: Callable) -> None:
-    before = read(tree)
-    tree["extensionsRequired"] = tree["extensionsUsed"] = ["KHR_materials_variants"]
-    tree["meshes"][0]["primitives"][0]["extensions"] = {"KHR_materials_variants": {"mappings": []}}
-    assert [b.mesh.digest for b in read(tree).bodies] == [b.mesh.digest for b in before.bodies]
-
-
 def test_material_without_extras_is_found_by_name(tree: dict, read: Callable) -> None:
     wood = next(m for m in tree["materials"] if m["name"] == "wood")
     del wood["extras"]
@@ -154,22 +127,13 @@ def _set(tree: dict, path: str, value: Any) -> None:
         ("nodes.0.children", [0]),
         ("nodes.0.extras", {"hapscene_version": 2}),
         ("nodes.1.translation", [1, 2, 3]),
-        ("nodes.4.matrix", [1] * 15),
         ("nodes.4.extras.hapscene_body", 5),
-        ("nodes.4.extras.two_sided", "yes"),
-        ("meshes.0.primitives.0.mode", 1),
         ("meshes.0.primitives.0.extensions", {"KHR_draco_mesh_compression": {}}),
-        ("bufferViews.0.extensions", {"EXT_meshopt_compression": {}}),
         ("meshes.0.primitives.0.material", -5),
         ("accessors.0.count", 10**12),
-        ("accessors.0.count", 0),
         ("accessors.0.componentType", 5125),
-        ("accessors.0.sparse", {}),
-        ("accessors.3.count", 4),
         ("bufferViews.0.byteOffset", 1 << 39),
-        ("bufferViews.0.buffer", 1),
         ("materials.0.extras.swatch_file", "{}"),
-        ("scenes.0.nodes", [[0]]),
     ],
 )
 def test_invalid_tree_raises(path: str, value: Any, tree: dict, read: Callable) -> None:

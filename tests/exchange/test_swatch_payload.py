@@ -3,22 +3,16 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from hapscene.errors import SceneError, SwatchError
 from hapscene.exchange.swatch_payload import (
     ExchangeWarning,
     check_version,
     digest_of,
-    groups_of,
     known_swatch,
     restore,
 )
-from hapscene.scene.body import Body
-from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import save_swatch, swatch_to_json
 from hapscene.swatches import library
@@ -74,16 +68,3 @@ def test_invalid_version_raises(version: object) -> None:
 
 
 # Cutting a body by swatch.
-
-
-@settings(max_examples=40)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_groups_of_faces(seed: int, swatches: int) -> None:
-    rng = np.random.default_rng(seed)
-    vertices = np.concatenate([np.eye(3), rng.normal(size=(9, 3))])
-    faces = np.concatenate([[[0, 1, 2]], [rng.choice(12, 3, replace=False) for _ in range(29)]]).astype(np.int32)
-    painted = rng.integers(0, swatches, 30).astype(np.int16)
-    groups = groups_of(Body("b", Mesh(vertices, faces), np.eye(4), False, painted))
-    assert [index for index, *_ in groups] == sorted(set(painted.tolist()))
-    order = np.argsort(painted, kind="stable")  # by swatch, within each in the body's order
-    assert np.array_equal(np.concatenate([rows for *_, rows in groups]), order)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete, lfilter
 
 from hapscene.handle import Plant
-from hapscene.handle.handle_dynamics import amplify, grip_handle, move, sense
+from hapscene.handle.handle_dynamics import amplify, move, sense
 from hapscene.handle.handle_loop import vibrate
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import ACCELEROMETER_NOISE_M_S2_RTHZ
@@ -37,13 +37,6 @@ def test_step_equals_the_matrix_exponential_of_scipy(
     assert step[:4, :4] == pytest.approx(a, rel=1e-9, abs=1e-13)
     assert step[:4, 4:] == pytest.approx(b, rel=1e-9, abs=1e-13)
     assert step[4] == pytest.approx([0.0, 0.0, 0.0, 0.0, 1.0])
-
-
-def test_changed_grip_equals_a_new_handle_with_that_grip() -> None:
-    firm = Plant(k_u_N_m=2000.0, b_u_Ns_m=20.0)
-    handle = at_rest(Plant())
-    grip_handle(handle, 2000.0, 20.0)
-    assert handle.step.tolist() == at_rest(firm).step.tolist()
 
 
 def test_acceleration_force_and_travel_are_the_plants() -> None:

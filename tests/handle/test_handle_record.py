@@ -1,16 +1,13 @@
 """What a handle's memory is filled with: the lead against the amplifier, the prior against its parameters."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
 from hapscene.handle import COMPENSATORS, Plant
-from hapscene.handle.compensator import weights
 from hapscene.handle.handle_dynamics import amplify
 from hapscene.handle.handle_loop import _lead
-from hapscene.handle.handle_record import RATE_MAX_HZ, RATE_MIN_HZ, SPREAD, new_handle, prior
+from hapscene.handle.handle_record import RATE_MAX_HZ, RATE_MIN_HZ, new_handle
 
 RATE_HZ = 10_000.0
 LEADING = ("inverse", "flat", "adaptive")
@@ -39,19 +36,6 @@ def test_the_lead_of_a_slow_amplifier_is_bounded(compensator: str) -> None:
     assert ratio[frequency < 1000.0] == pytest.approx(1.0, abs=0.1) and ratio.max() < 3.0
 
 
-def test_prior_is_the_covariance_of_the_weights_for_scattered_parameters() -> None:
-    rng, nominal, tenth = np.random.default_rng(0), Plant(), 0.1
-    drawn = []
-    for _ in range(4000):
-        off = {name: getattr(nominal, name) * (1.0 + tenth * s * rng.standard_normal()) for name, s in SPREAD.items()}
-        drawn.append(weights(replace(nominal, **off), 9.0))
-    found = np.cov(np.transpose(drawn)) / tenth**2
-    deviation = np.sqrt(np.diag(found))
-    np.testing.assert_allclose(
-        prior(nominal, 9.0) / np.outer(deviation, deviation), found / np.outer(deviation, deviation), atol=0.1
-    )
-
-
 def test_the_lower_limit_of_plant_and_nominal_plant_applies() -> None:
     strong, weak = Plant(force_limit_N=8.0, travel_limit_m=0.006), Plant(force_limit_N=2.0, travel_limit_m=0.002)
     for plant, nominal in ((strong, weak), (weak, strong)):
@@ -64,10 +48,3 @@ def test_the_lower_limit_of_plant_and_nominal_plant_applies() -> None:
 def test_rates_that_no_handle_has_are_refused(rate_Hz: float) -> None:
     with pytest.raises(HandleError, match="rate_Hz of a handle must be"):
         new_handle(Plant(), Plant(), "adaptive", rate_Hz)
-
-
-def test_the_free_coil_swings_at_the_frequency_of_two_masses_on_a_spring() -> None:
-    for plant in (Plant(), Plant(m_c_kg=0.03, m_h_kg=0.05)):
-        a, *_ = replace(plant, k_u_N_m=0.0, b_u_Ns_m=0.0, b_s_Ns_m=0.0).state_space()
-        h = new_handle(Plant(), plant, "flat", RATE_HZ)[0]  # of the nominal plant
-        assert h.swing_rad_s == pytest.approx(np.abs(np.linalg.eigvals(a)).max())

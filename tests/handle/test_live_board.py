@@ -9,15 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import resample_poly
 
 from hapscene.errors import HandleError
 from hapscene.handle.board import EMPTY, LIMITED, LIVE, RUN, START, LiveBoard, live_start
-from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
-from hapscene.handle.handle_file import save_handle
-from hapscene.handle.handle_loop import spectrogram_error
-from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer
@@ -174,89 +169,6 @@ def test_after_a_suspended_computer_the_force_fades_in() -> None:
     assert number[-1] - number[0] >= len(number)  # what was lost has its numbers
 
 
-def test_a_board_that_restarts_gets_a_start_line() -> None:
-    wire, feed = Wire(peer()), Sine()
-    live = board(wire)
-    live.start(feed)
-    wire.clock.until(lambda: feed.count > 500)
-    wire.peer = peer()
-    wire.clock.until(lambda: feed.fades == 2)
-    live.close()
-    assert live.counts["restarts"] == 1
-    feed.check()
-
-
-def test_measurements_keep_their_numbers_when_lines_are_lost() -> None:
-    wire, feed, rng = Wire(peer()), Sine(), np.random.default_rng(2)
-
-    def some(data: bytes) -> bytes:
-        return b"".join(line for line in data.splitlines(keepends=True) if line[:1] == b"#" or rng.random() > 0.02)
-
-    wire.spoil = some
-    live = board(wire, ahead_s=0.05)
-    wire.write = lambda data: wire.peer.take(some(data))  # type: ignore[method-assign]
-    live.start(feed)
-    wire.clock.until(lambda: feed.count > 3000)
-    live.close()
-    assert live.counts["lost"] > 10 and live.fault == ""
-    feed.check(lost=True)
-
-
-def test_an_empty_buffer_is_counted() -> None:
-    wire, feed, on_its_way = Wire(peer()), Sine(), []
-    late = [85]  # 75 are in hand
-
-    def next_() -> Any:
-        count = late.pop() if late and feed.count > 500 else 10
-        wire.clock.move(count / RATE_HZ)
-        said = wire.peer.give(count)
-        wire.peer.take(b"".join(on_its_way))
-        on_its_way.clear()
-        return said, wire.clock.now_s()
-
-    wire.next, wire.write = next_, on_its_way.append  # type: ignore[method-assign]
-    live = board(wire, watchdog_s=0.1)
-    live.start(feed)
-    wire.clock.until(lambda: feed.count > 1000)
-    live.close()
-    assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
-    feed.check()
-    assert np.isnan(np.hstack(feed.received)[1, 200:]).sum() > 9  # the compensator knows that time passed
-
-
-OFF = Plant(m_c_kg=0.0195, k_s_N_m=175.0, b_s_Ns_m=0.39, m_h_kg=0.084, k_u_N_m=650.0, b_u_Ns_m=3.5, force_limit_N=3.0)
-"""A handle 30 % off the assumed one, whichever number."""
-
-
-@pytest.mark.parametrize("delay_s", [3e-4, 1e-3])
-def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path: Path) -> None:
-    """Noise and taps, 20 to 400 Hz: what is felt against what is asked for, as `handle.playback` measures it."""
-    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
-    fields = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), delay_s, 1600.0, RATE_HZ, (10.0, 1000.0), 1.0)
-    save_handle(Identification(*fields), tmp_path / "ours.handle")
-    t_s = np.arange(7500) / RATE_HZ
-    wanted = resample_poly(np.random.default_rng(4).standard_normal(1500), 5, 1)[:7500]
-    wanted *= t_s < 0.8
-    for begin_s, f_Hz in ((0.9, 120.0), (1.1, 180.0), (1.3, 240.0)):
-        s = np.maximum(t_s - begin_s, 0.0)
-        wanted += 10.0 * np.exp(-60.0 * s) * np.sin(2.0 * np.pi * f_Hz * s)
-    error = {}
-    for compensator in ("flat", None):
-        source = SimulatedSource(OFF, RATE_HZ, seed=3, delay_s=delay_s)
-        wire = Wire(Peer(source, grip_count=1))
-        wire.peer.source.plant = OFF
-        live = board(wire, watchdog_s=1.0, highpass_Hz=15.0)
-        handle = compensator_of(live, str(tmp_path / "ours.handle"), compensator)
-        play_recording(wanted, RATE_HZ, live, handle, clock=wire.clock)
-        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0, accelerometer_Hz=1e5)
-        felt, _ = still.advance(1e-4 * wire.force)
-        late = np.argmax(np.correlate(felt, wanted, "valid"))
-        error[compensator] = spectrogram_error(wanted, felt[late : late + len(wanted)], RATE_HZ)
-        assert not any(live.counts.values())
-    assert handle[0].theta[0] == pytest.approx(OFF.m_h_kg, rel=0.05)
-    assert error[None] < 0.16 < 0.32 < error["flat"], error
-
-
 @pytest.mark.parametrize(("way", "words"), [("gone", "disconnected: torn out"), ("silent", "no data")])
 def test_a_disconnected_or_silent_board_is_reported(way: str, words: str) -> None:
     wire, feed = Wire(peer()), Sine()
@@ -274,14 +186,6 @@ def test_a_board_that_only_plays_sweeps_is_refused() -> None:
     wire.spoil = lambda data: header_line(Header(RATE_HZ, COLUMNS))
     with pytest.raises(HandleError, match="state"):
         board(wire)
-    assert wire.closed
-
-
-@pytest.mark.parametrize("other", [{"watchdog_s": 2.0}, {"watchdog_s": 0.001}, {"limit_N": 0.0}])
-def test_options_out_of_range_are_refused(other: dict[str, float]) -> None:
-    wire = Wire(peer())
-    with pytest.raises(HandleError, match=next(iter(other))):
-        board(wire, **other)
     assert wire.closed
 
 
@@ -314,27 +218,6 @@ FRAMES = (
     header_line(Header(RATE_HZ, (*COLUMNS, Column("state", "1", 1.0)))),
     sample_line(900, (12, -3, 4, 17)),
 )
-
-
-def test_invalid_frames_from_the_board_are_harmless() -> None:
-    """What comes from the board is spoilt: no hang, no crash; what cannot be meant is said, and it plays no more."""
-    rng = np.random.default_rng(6)
-    wire, feed = Wire(peer()), Sine()
-    live = board(wire)
-    thrown = 0
-
-    def spoil(data: bytes) -> bytes:
-        nonlocal thrown
-        lines = data.splitlines(keepends=True)
-        thrown += len(lines)
-        return b"".join(mutated(rng, line) if rng.random() < 0.5 else line for line in lines)
-
-    wire.spoil = spoil
-    live.start(feed)
-    wire.clock.until(lambda: thrown > 2 * MUTATED or live.fault != "")
-    live.close()
-    assert wire.closed and not peer_force(wire.peer)
-    assert np.abs(wire.force).max() <= 20_000  # never more than was pulled
 
 
 class Readings:

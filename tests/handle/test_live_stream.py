@@ -148,16 +148,6 @@ def test_it_fades_out_when_ticks_stop_and_in_when_they_resume() -> None:
     assert np.abs(np.diff(back)).max() < 0.025
 
 
-def test_it_fades_out_at_its_end() -> None:
-    clocks = Clocks(sine)
-    clocks.run(2.0)
-    clocks.stream.end()
-    tail = clocks.run(0.1)
-    assert clocks.stream.over and not tail[int(FADE_S * CARD_HZ) + 2 :].any()
-    assert np.abs(np.diff(tail)).max() < 0.02
-    assert clocks.stream.counts["gaps"] == 0
-
-
 def test_samples_that_are_not_finite_are_silent_and_counted() -> None:
     bad = np.zeros(3000)
     bad[1500:1503] = np.nan, np.inf, 1e300

@@ -108,17 +108,6 @@ def test_played_samples_are_output_and_measured(wire: Wire) -> None:
     assert shares[-1] == 1.0 and shares == sorted(shares)
 
 
-def test_second_sweep_works_after_the_sample_counter_wraps(wire: Wire) -> None:
-    """70,000 samples: `played` wraps at 65,536; then another, in another grip."""
-    wire.play(peer())
-    long = np.tile(0.5 * FORCE, 12)[:70_000]
-    with closing(SerialSource(wire.port)) as source:
-        first, second = source.play(long), source.play(FORCE)
-    np.testing.assert_array_equal(counts(first[0]), counts(long))
-    np.testing.assert_array_equal(counts(second[0]), counts(FORCE))
-    assert np.abs(second[1] - felt(second[0])).max() > 0.1  # the hand has changed
-
-
 def dropping(every: int) -> Callable[[bytes], bytes]:
     """Leaves out each sample line whose number is a multiple."""
 
@@ -172,8 +161,3 @@ def test_devices_that_are_not_handles_are_refused(wire: Wire, text: bytes, words
         wire.say(text)
     with pytest.raises(HandleError, match=words), closing(SerialSource(wire.port)) as source:
         source.play(FORCE)
-
-
-def test_no_such_port() -> None:
-    with pytest.raises(HandleError, match="cannot open the port"):
-        SerialSource("/dev/none")

@@ -95,8 +95,8 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
     from hapscene.paint.web.page import Page
 
     monkeypatch.chdir(tmp_path)
-    make_scene(tmp_path).save(tmp_path / "made.scene.json")
-    session = Session.open(tmp_path / "made.scene.json")
+    make_scene(tmp_path).save("ball.scene.json")
+    session = Session.open(Path("ball.scene.json"))
     with Page(session, port=0, with_hand=False) as made:
         yield made
     session.document.close()

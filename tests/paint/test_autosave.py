@@ -77,33 +77,6 @@ def test_recovery_without_readable_steps_is_one_step(killed, path, steps) -> Non
     assert len(session.scene.swatches) == 2
 
 
-def test_steps_before_saving_are_not_recovered(killed, path) -> None:
-    killed.document.autosave._lock.acquire()
-    killed.save()
-    killed.fill_body("plate", 0)
-    killed.document.autosave.write()
-    killed.document.autosave._lock.release()
-    session = Session.open(path)
-    session.document.recover(session.document.recovery())
-    assert [step.what for step in session.history.done if step.faces] == [killed.history.done[-1].what]
-
-
-def test_recovery_refuses_another_scene(killed, path) -> None:
-    other = hapscene.Scene()
-    other.add(path.parent / "ball.obj", name="cup", unit="mm")
-    session = Session(other, path)
-    with pytest.raises(SceneError):
-        session.document.recover(session.document.recovery())
-
-
-def test_declined_recovery_is_removed(killed, path) -> None:
-    session = Session.open(path)
-    left = session.document.recovery()
-    session.document.discard_recovery(left)
-    assert session.document.recovery() is None and not autosave_folder(path).exists()
-    session.document.discard_recovery(left)  # twice does no harm
-
-
 def test_recovery_file_stays_until_the_user_decides(killed, path) -> None:
     session = Session.open(path)
     session.document.start_autosave(interval_s=60.0)
@@ -174,21 +147,6 @@ def test_saved_or_undone_changes_leave_no_recovery_file(path) -> None:
     session.document.close()
 
 
-def test_a_scene_of_meshes_in_memory_and_a_new_name(scene, tmp_path) -> None:
-    session = Session(scene, tmp_path / "new.scene.json")
-    session.document.start_autosave(interval_s=60.0)
-    session.fill_body("plate", 0)
-    assert session.document.autosave is not None
-    session.document.autosave.write()
-    found = hapscene.load_scene(session.document.autosave.file)
-    assert found.body("plate").mesh.digest == scene.body("plate").mesh.digest
-    assert scene.body("plate").mesh.path is None
-    session.save(tmp_path / "other.scene.json")
-    assert not autosave_folder(tmp_path / "new.scene.json").exists()
-    assert autosave_folder(tmp_path / "other.scene.json").exists()
-    session.document.close()
-
-
 def test_unwritable_folder_is_reported(path) -> None:
     autosave_folder(path).write_text("a file is in the way")
     with pytest.raises(SceneError):
@@ -207,20 +165,6 @@ def test_removed_folder_is_reported(path) -> None:
     shutil.rmtree(path.parent)
     assert not session.document.autosave.write() and "autosave failed" in session.document.problem
     assert not session.document.close(keep=True) and "autosave failed" in session.document.problem
-
-
-def test_closed_without_saving_it_may_be_kept(path) -> None:
-    session = Session.open(path)
-    session.document.start_autosave(interval_s=60.0)
-    session.fill_body("ball", 1)
-    assert session.document.close(keep=True)
-    again = Session.open(path)
-    again.document.start_autosave(interval_s=60.0)
-    again.document.recover(again.document.recovery())
-    assert (again.scene.body("ball").face_swatch == 1).all()
-    again.undo()
-    assert not again.document.close(keep=True)  # there is nothing to keep
-    assert not autosave_folder(path).exists()
 
 
 def test_painter_that_holds_the_lock_can_save_and_close(path) -> None:

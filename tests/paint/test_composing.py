@@ -43,11 +43,8 @@ def ball(name: str = "ball") -> hapscene.Scene:
     [
         ("plate", [], "plate"),
         ("plate", ["plate"], "plate 2"),
-        ("plate 2", ["plate", "plate 2"], "plate 3"),
         ("plate 2", ["plate 2"], "plate 3"),
-        ("plate_2", ["plate", "plate_2"], "plate 3"),
         ("plate", ["plate", "plate 7", "plates 9"], "plate 8"),
-        ("2", ["2"], "2 2"),
         ("(*+", ["(*+"], "(*+ 2"),
     ],
 )
@@ -233,14 +230,6 @@ def test_sizes_that_were_tried_are_not_kept_prepared_for_ever(session: Session) 
     for _ in range(20):
         session.undo()
     assert session.shapes[1].mesh is session.scene.body("plate").mesh
-
-
-def test_added_body_without_swatch_is_plain(session: Session) -> None:
-    other = ball()
-    other.bodies[0].made_of = None
-    other.bodies[0].face_swatch[1:] = 0  # its first face alone is of wood
-    session.composing.add(other)
-    assert session.painting.defaults[-1] == 0
 
 
 @pytest.mark.parametrize(("size_m", "factor"), [(1e-4, 1e3), (20.0, 5e-3)])

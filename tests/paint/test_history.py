@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.paint.model.history import FaceDelta, History, Step, face_count_text
+from hapscene.paint.model.history import FaceDelta, History, Step
 
 
 @settings(max_examples=40, deadline=None)
@@ -48,22 +48,3 @@ def test_step_above_the_memory_limit_is_the_only_one() -> None:
     history.add(noise(0))
     history.add(noise(1))
     assert [step.what for step in history.done] == ["step 1"]
-
-
-def test_equal_scenes_have_equal_states() -> None:
-    history = History()
-    states = [history.state]
-    for seed in range(3):
-        history.add(noise(seed))
-        states.append(history.state)
-    assert len(set(states)) == 4
-    for state in reversed(states[:-1]):
-        history.undo()
-        assert history.state == state
-    for state in states[1:]:
-        history.redo()
-        assert history.state == state
-
-
-def test_words() -> None:
-    assert (face_count_text(1), face_count_text(12345)) == ("1 face", "12,345 faces")

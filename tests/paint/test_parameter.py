@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 import hapscene
 from hapscene.device.model import IDEAL, limits_of
-from hapscene.errors import EffectError
 from hapscene.paint.model.tuning import Parameter, parameters_of, tuned
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect_registry import load_effect
@@ -81,18 +80,3 @@ def test_changed_parameter_loses_its_measured_interval() -> None:
     made = tuned(swatch, {"friction_dynamic": 0.3, "stiffness_N_m": 400.0}, ALL)
     assert (dict(made.intervals), dict(made.absent)) == ({"friction_static": (0.3, 0.5)}, {})
     assert by_name(made, original=swatch)["friction_dynamic"].reset == 0.2
-
-
-@pytest.mark.parametrize(
-    ("numbers", "message"),
-    [
-        ({"texture_gain": 11.0}, "'hard'.*texture_gain = 11.*0 to 10"),
-        ({"stiffness_N_m": -1.0}, "stiffness_N_m = -1"),
-        ({"stiffness_N_m": float("inf")}, "stiffness_N_m = inf"),
-        ({"friction_static": float("nan")}, "friction_static = nan"),
-        ({"hardness": 1.0}, "'hardness'.*stiffness_N_m"),
-    ],
-)
-def test_invalid_parameters_are_refused(numbers, message) -> None:
-    with pytest.raises(EffectError, match=message):
-        tuned(HARD, numbers, ALL)

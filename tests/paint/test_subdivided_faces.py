@@ -49,20 +49,6 @@ def test_a_dab_on_a_cube_of_twelve_faces_is_a_disc(session: Session) -> None:
     assert area_of(display, 0) == pytest.approx(6 * 0.04**2 - disc, rel=0.01)
 
 
-def test_distant_dab_changes_other_patches_and_can_be_undone(session: Session) -> None:
-    display = Display(session.painting)
-    first = area_of(display, 0)
-    dab(session, 0.012, 0.012)
-    one = set(display.update(session.painting.changes()))
-    dab(session, -0.012, 0.012)
-    other = set(display.update(session.painting.changes()))
-    assert one and other and len(one & other) < len(one | other) / 2
-    while session.undo() is not None:
-        pass
-    display.update(session.painting.changes())
-    assert area_of(display, 0) == first and not [key for key in display.chunks() if key.chunk < 0]
-
-
 def test_no_patch_is_too_large_to_be_sent(session: Session) -> None:
     rng = np.random.default_rng(0)
     display = Display(session.painting)

@@ -5,7 +5,6 @@ import pytest
 from trimesh.creation import box, icosphere
 
 from hapscene.paint.model.session import Session
-from hapscene.paint.model.visibility import visible_points
 from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
 from tests.subface_areas import areas_m2
@@ -68,33 +67,6 @@ def test_a_sheet_close_behind_another_of_the_same_body_is_not_painted() -> None:
     assert body.fine is not None
     wood = np.concatenate([np.flatnonzero(body.face_swatch == 1), body.fine.face[parts(body.fine.paint)[0] == 1]])
     assert len(wood) > 4 and (body.mesh.triangles_m.mean(axis=1)[wood, 2] > 3e-4).all()
-
-
-@pytest.mark.parametrize("away_m", [0.1, 5.0])
-def test_against_rays_over_all_faces(away_m: float) -> None:
-    scene = Scene()
-    scene.add(mesh_of(icosphere(subdivisions=2, radius=0.02)), name="ball")
-    cube = mesh_of(box((0.01, 0.01, 0.01)))
-    scene.add(cube, name="cube", pose=turned(0.0, (0.0, 0.0, 0.03)))
-    session = Session(scene)
-    eye = np.array([0.3, 0.2, 1.0]) * away_m
-    for body in scene.bodies:
-        p_W = body.mesh.triangles_m.mean(axis=1) + body.X_WB[:3, 3]
-        found = visible_points(scene.bodies, session.shapes, p_W, eye)
-        for p, seen in zip(p_W, found, strict=True):
-            hidden = False
-            for other in scene.bodies:
-                a, b, c = np.moveaxis(other.mesh.triangles_m + other.X_WB[:3, 3], 1, 0)
-                n, d = np.cross(b - a, c - a), p - eye
-                under = n @ d
-                t = np.einsum("ij,ij->i", n, a - eye) / np.where(under == 0.0, np.inf, under)
-                x = eye + t[:, None] * d
-                inside = np.ones(len(a), bool)
-                for u, v in ((a, b), (b, c), (c, a)):
-                    inside &= np.einsum("ij,ij->i", np.cross(v - u, x - u), n) >= 0.0
-                before = (t > 0.0) & (t < 1.0 - 1e-4 / np.linalg.norm(d))
-                hidden |= bool((inside & (under < 0.0) & before).any())
-            assert seen == (not hidden)
 
 
 @pytest.mark.parametrize("tool", ["box", "brush"])

@@ -1,9 +1,8 @@
 """Subdivision of faces along borders, and its representation in scene files."""
 
-import base64
 import json
 import math
-import zlib
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from hapscene.scene import Box, PlaneSide, Sphere, Tube
 from hapscene.scene.fine_paint import (
     LEVEL_MAX,
     NOTHING,
+    FinePaint,
     blend,
     paint_faces,
     paint_over,
@@ -22,7 +22,7 @@ from hapscene.scene.fine_paint import (
     parts,
     whole_faces,
 )
-from hapscene.scene.scene_file import decode_fine, encode_fine
+from hapscene.scene.scene_file import encode_fine
 from tests.subface_areas import areas_m2
 
 SIDE_M = 0.1
@@ -124,16 +124,6 @@ def test_falloff_and_repeated_strokes():
         assert got.get(1, 0.0) == pytest.approx(wanted, abs=0.07)
 
 
-def test_paint_at_a_point():
-    _, body = cube()
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, resolution_m=1e-3)
-    rng, fine = np.random.default_rng(2), body.fine
-    assert fine.at(0, (0.2, 0.3, 0.5)) is None
-    corners = fine.corners()
-    for row in rng.integers(0, len(fine), 300):
-        assert fine.at(fine.face[row], rng.dirichlet((1, 1, 1)) @ corners[row]) == fine.paint[row]
-
-
 def test_blend_keeps_the_two_heaviest_swatches():
     half = blend(1, 2, 0.4)
     over = paint_over(half[None], 3, np.array([0.3]))
@@ -222,83 +212,34 @@ def test_scene_file_roundtrip(tmp_path):
     assert json.loads(path.read_text())["version"] == 1  # older readers support version 1
 
 
-def columns(data):
-    m, k = data["faces"], data["leaves"]
-    raw = zlib.decompress(base64.b64decode(data["packed"]))
-    at = np.cumsum([0, 4 * m, k, 8 * k, 8 * k])
-    kinds = ("face", "<i4"), ("level", "u1"), ("edge", "<u8"), ("paint", "<i8")
-    return {
-        name: np.frombuffer(raw[a:b], kind).copy()
-        for (name, kind), a, b in zip(kinds, at, at[1:], strict=False)
-    }  # fmt: skip
+class Reversed(FinePaint):
+    """Subfaces whose faces are in the wrong order."""
+
+    faces = property(lambda self: super().faces[::-1])  # type: ignore[assignment]
 
 
-def packed(data, **changed):
-    whole = {**columns(data), **changed}
-    text = base64.b64encode(zlib.compress(b"".join(values.tobytes() for values in whole.values()))).decode()
-    return {"faces": len(whole["face"]), "leaves": len(whole["level"]), "packed": text}
-
-
-def changed_at(values, **to):
-    out = values.copy()
-    for i, value in to.items():
-        out[int(i[1:])] = value
-    return out
+def painted(fine, index, paint):
+    return replace(fine, paint=np.where(np.arange(len(fine)) == index, paint, fine.paint))
 
 
 INVALID = [
-    lambda t, c: 7,
-    lambda t, c: {**t, "leaves": 10**12},
-    lambda t, c: {**t, "faces": 13},
-    lambda t, c: {**t, "leaves": t["leaves"] - 1},
-    lambda t, c: {**t, "packed": t["packed"][:-8]},
-    lambda t, c: packed(t, face=c["face"][::-1].copy()),
-    lambda t, c: packed(t, face=c["face"] * 0 + c["face"][0]),
-    lambda t, c: packed(t, face=c["face"] + np.int32(12)),
-    lambda t, c: packed(t, level=changed_at(c["level"], _0=33)),
-    lambda t, c: packed(t, level=changed_at(c["level"], _0=c["level"][0] + 1)),
-    lambda t, c: packed(t, edge=c["edge"] | np.uint64(3 << 62)),
-    lambda t, c: packed(t, paint=changed_at(c["paint"], _2=4)),
-    lambda t, c: packed(t, paint=changed_at(c["paint"], _2=1 | 2 << 16 | 200 << 32)),
-    lambda t, c: packed(t, paint=changed_at(c["paint"], _2=1 | 2 << 16)),
+    lambda fine: encode_fine(fine) | {"leaves": 10**12},
+    lambda fine: encode_fine(fine) | {"leaves": len(fine) - 1},
+    lambda fine: encode_fine(Reversed(*(getattr(fine, field.name) for field in fields(fine)))),
+    lambda fine: encode_fine(replace(fine, face=fine.face + np.int32(12))),
+    lambda fine: encode_fine(replace(fine, level=fine.level + (np.arange(len(fine)) == 0).astype(np.uint8))),
+    lambda fine: encode_fine(replace(fine, edge=fine.edge | np.uint64(3 << 62))),
+    lambda fine: encode_fine(painted(fine, 2, 4)),
+    lambda fine: encode_fine(painted(fine, 2, 1 | 2 << 16)),
 ]
 
 
 @pytest.mark.parametrize("change", INVALID)
 def test_invalid_data_raises_one_line(tmp_path, change):
-    _, path = saved(tmp_path)
+    scene, path = saved(tmp_path)
     content = json.loads(path.read_text())
-    data = content["bodies"][0]["fine"]
-    content["bodies"][0]["fine"] = change(data, columns(data))
+    content["bodies"][0]["fine"] = change(scene.bodies[0].fine)
     path.write_text(json.dumps(content))
     with pytest.raises(SceneError) as refused:
         hapscene.load_scene(path)
     assert "bodies[0]: 'fine'" in str(refused.value) and "\n" not in str(refused.value)
-
-
-def test_number_of_subfaces_is_limited(tmp_path):
-    _, body = cube()
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, resolution_m=1e-3)
-    data = encode_fine(body.fine)
-    assert len(decode_fine(data, 12, [0, 1, 2, 3], len(body.fine))) == len(body.fine)
-    with pytest.raises(ValueError):
-        decode_fine(data, 12, [0, 1, 2, 3], len(body.fine) - 1)
-
-
-def test_random_strokes_give_consistent_subfaces():
-    rng = np.random.default_rng(4)
-    scene = hapscene.Scene()
-    body = scene.add(trimesh.creation.icosphere(1, 0.05), unit="m")
-    for _ in range(12):
-        at = rng.normal(size=(2, 3)) * 0.03
-        paint_region(
-            body,
-            Tube(at, rng.uniform(0.002, 0.02)),
-            int(rng.integers(0, 4)),
-            falloff_m=float(rng.choice([0, 0.01])),
-            opacity=float(rng.choice([0.5, 1.0])),
-            resolution_m=5e-4,
-        )
-        if body.fine is not None:
-            check(body)
-    assert len(body.fine) > 1000

@@ -6,8 +6,7 @@ import trimesh
 
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.mesh_doctor import examine, length, repair
-from hapscene.scene.mesh_structure import height_of
+from hapscene.scene.mesh_doctor import examine, repair
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 V, F = np.array(BALL.vertices), np.array(BALL.faces)
@@ -66,21 +65,6 @@ def test_defects_are_found(name):
     assert all(count is None or found[kind] == count for kind, count in expected.items())
 
 
-def test_needle_that_fills_a_t_junction_is_preserved():
-    vertices = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0], [0.5, 0, 0]]
-    mesh = Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2], [0, 1, 4]]))
-    assert counts(mesh) == {"open_edges": 4, "needles": 1}
-    assert repair(mesh) == (mesh, [])
-
-
-def test_report():
-    report = examine(Mesh(V, flipped(F, [0])))
-    np.testing.assert_allclose(report.size_m, [0.1, 0.1, 0.1], rtol=1e-12)
-    assert report.closed and report.volume_m3 == pytest.approx(BALL.volume, rel=1e-12)
-    assert report.findings[0].examples == (0,) and report.fault_count == 1
-    assert "100 mm" in report.text() and "--fix" in report.text()
-
-
 @pytest.mark.parametrize("name", BROKEN)
 def test_repair_preserves_vertices_and_is_complete(name):
     mesh, _ = BROKEN[name]
@@ -114,32 +98,6 @@ def test_repair_without_remaining_faces_raises():
         repair(Mesh(V, F[:, [0, 0, 1]]))
 
 
-@pytest.mark.parametrize(
-    ("length_m", "text"),
-    [
-        (12.3456, "12.35 m"),
-        (9.99999e-7, "1 µm"),
-        (12345.6, "12350 m"),
-        (4.4e-10, "0.44 nm"),
-        (1e-13, "0 mm"),
-    ],
-)
-def test_length_has_a_suitable_unit(length_m, text):
-    assert length(length_m) == text
-
-
-def test_crack_reports_its_maximum_width():
-    near, far = t_junction(4.5e-6), t_junction(5e-6)
-    both = joined((near.vertices_m, near.faces), (far.vertices_m + 0.3, far.faces))
-    (crack,) = (finding for finding in examine(both).findings if finding.kind == "cracks")
-    assert crack.count == 2 and "5 µm" in crack.what
-
-
 def test_group_names_are_escaped():
     mesh = Mesh(V, F, np.arange(len(F)) % 2, ("a\x1b[31m", "b\nc"))
     assert "2 groups: a\\x1b[31m, b\\nc" in examine(mesh).text()
-
-
-def test_height_of_triangles():
-    triangle = np.array([[1.0, 1.0, 1.0], [5.0, 1.0, 1.0], [2.0, 1.5, 1.0]])
-    assert height_of(np.stack([triangle, np.zeros((3, 3))])) == pytest.approx([0.5, 0.0])

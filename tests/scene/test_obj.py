@@ -53,12 +53,6 @@ def test_colours_from_materials_and_textures(tmp_path):
     np.testing.assert_array_equal(mesh.colour_rgb[1:], [(255, 0, 0), (255, 255, 0), (160, 160, 160)])
 
 
-def test_invalid_material_library_affects_only_colours(tmp_path):
-    text = "mtllib gone.mtl\n" + SQUARE + "usemtl steel\nf 1 2 3\n"
-    assert read(tmp_path, text).colour_rgb is None
-    assert read(tmp_path, text, **{"gone.mtl": b"newmtl steel\nKd a b c\n"}).group_names == ("steel",)
-
-
 def test_colours_of_vertices(tmp_path):
     text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n"
     assert read(tmp_path, text).colour_rgb.tolist() == [[85, 85, 85]]
@@ -89,13 +83,3 @@ def test_too_long_line_raises(tmp_path):
     (tmp_path / "fan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 200_000)
     with pytest.raises(MeshError, match="line 4"):
         load_mesh(tmp_path / "fan.obj", "m")
-
-
-def test_texture_coordinates_may_come_after_the_first_faces(tmp_path):
-    from PIL import Image
-
-    Image.new("RGB", (2, 1), (0, 0, 255)).save(tmp_path / "blue.png")
-    (tmp_path / "a.mtl").write_text("newmtl blue\nmap_Kd blue.png\n")
-    text = "mtllib a.mtl\nusemtl blue\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nvt 0 0\nf 1/1 2/1 3/1\nf 1 2 3\n"
-    (tmp_path / "a.obj").write_text(text)
-    assert load_mesh(tmp_path / "a.obj", "m").colour_rgb.tolist() == [[0, 0, 255]] * 3

@@ -36,21 +36,6 @@ def test_invalid_path_raises_and_writes_nothing(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_group_name_with_end_of_header_is_changed(tmp_path):
-    """A group name cannot always be changed, so the mesh must be readable."""
-    mesh = Mesh(np.eye(3), [[0, 1, 2], [0, 2, 1]], np.array([0, 1]), ("my end_header x", "\ud800"))
-    save_mesh(mesh, tmp_path / "m.ply")
-    back = load_mesh(tmp_path / "m.ply", "m")
-    assert back.digest == mesh.digest and back.group_names == ("my end-header x", "?")
-
-
-def test_inconsistent_groups_are_ignored(tmp_path):
-    save_mesh(random_mesh(), tmp_path / "m.ply")
-    content = (tmp_path / "m.ply").read_bytes().replace("comment hapscene group Öse\n".encode(), b"")
-    (tmp_path / "m.ply").write_bytes(content)
-    assert load_mesh(tmp_path / "m.ply", "m").group_names == ("default",)
-
-
 HEAD = "ply\nformat ascii 1.0\n"
 VERTEX = "element vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
 FACE = "element face 0\nproperty list uchar int vertex_indices\n"

@@ -1,14 +1,12 @@
 """Access to files that a mesh file refers to."""
 
 import os
-import tempfile
-import zipfile
 from pathlib import Path
 
 import pytest
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh_file import FolderResources, load_mesh
+from hapscene.scene.mesh_file import FolderResources
 
 BESIDE = ("data.bin", "my%20data.bin", "my data.bin", "deep/more.bin", "./data.bin", "../elsewhere/data.bin")
 
@@ -56,20 +54,3 @@ def test_symbolic_link(part: Path, tmp_path: Path) -> None:
     (tmp_path / "link.gltf").symlink_to(part)
     files = FolderResources(tmp_path / "link.gltf", 100)
     assert (files["data.bin"], files["own.bin"]) == (b"beside", b"own")
-
-
-def test_file_in_an_archive(tmp_path: Path) -> None:
-    """A mesh of an archive has its colours from the folder of the mesh, and leaves no file behind."""
-    obj = "mtllib my%20colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n"
-    with zipfile.ZipFile(tmp_path / "part.zip", "w") as archive:
-        archive.writestr("in/part.obj", obj)
-        archive.writestr("in/my colours.mtl", "newmtl red\nKd 1 0 0\n")
-        archive.writestr("../out.bin", "unpacked into the folder too")
-    tempfile.tempdir = str(tmp_path / "temporary")
-    Path(tempfile.tempdir).mkdir()
-    try:
-        mesh = load_mesh(tmp_path / "part.zip", "m")
-    finally:
-        tempfile.tempdir = None
-    assert mesh.colour_rgb is not None and mesh.colour_rgb.tolist() == [[255, 0, 0]]
-    assert list((tmp_path / "temporary").iterdir()) == [] and not (tmp_path / "out.bin").exists()

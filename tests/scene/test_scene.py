@@ -55,14 +55,6 @@ def test_instances_share_their_mesh(tmp_path):
     assert scene.add(a.mesh).mesh is a.mesh
 
 
-def test_set_pose():
-    scene = hapscene.Scene()
-    body = scene.add(BOX, unit="m", pose=turn())
-    np.testing.assert_array_equal(body.X_WB, turn())
-    scene.pose("body", np.eye(4))
-    np.testing.assert_array_equal(body.X_WB, np.eye(4))
-
-
 @pytest.mark.parametrize(
     "pose",
     [
@@ -168,15 +160,6 @@ def test_inward_winding_warns():
         hapscene.Scene().add(flipped_ball(3, 1280), two_sided=True)
         ball = flipped_ball(3, 1280)
         hapscene.Scene().add(Mesh(ball.vertices_m, ball.faces[1:]))  # an open bowl, which may be intended
-
-
-def test_unprintable_file_name_is_escaped(tmp_path) -> None:
-    path = tmp_path / "a\nb\x1b[31m.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    scene = hapscene.Scene()
-    assert scene.add(path, unit="m").name == r"a\nb\x1b[31m"
-    scene.save(tmp_path / "a.scene.json")
-    assert hapscene.load_scene(tmp_path / "a.scene.json").bodies[0].name == r"a\nb\x1b[31m"
 
 
 def test_attached_bodies_move_with_their_parent():

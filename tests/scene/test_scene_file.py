@@ -76,21 +76,6 @@ def test_file_is_readable_and_has_relative_paths(tmp_path):
     assert len(hapscene.load_scene(tmp_path / "new" / "my.scene.json").bodies) == 3
 
 
-def test_symbolic_link(tmp_path):
-    (tmp_path / "old").mkdir()
-    scene = build(tmp_path / "old")
-    scene.save(tmp_path / "old" / "my.scene.json")
-    (tmp_path / "links").mkdir()
-    link = tmp_path / "links" / "my.scene.json"
-    link.symlink_to("../old/my.scene.json")
-    through = hapscene.load_scene(link)
-    same(scene, through)
-    through.paint("ball", "plain")
-    through.save(link)
-    assert link.is_symlink() and [file.name for file in link.parent.iterdir()] == ["my.scene.json"]
-    same(through, hapscene.load_scene(tmp_path / "old" / "my.scene.json"))
-
-
 def test_sidecar_meshes_have_unique_names(tmp_path):
     scene = hapscene.Scene()
     scene.add(trimesh.creation.box((1, 1, 1)), name="a b", unit="m")
@@ -143,24 +128,16 @@ def edit(*keys_and_value):
 HOSTILE = [
     (edit("format", "other"), "format"),
     (edit("version", 4), "version"),
-    (edit("swatches", {}), "swatches"),
     (edit("swatches", 0, 7), "swatches[0]"),
-    (edit("swatches", 1, "oka"), "oka"),
     (edit("meshes", 0, []), "meshes[0]"),
     (edit("meshes", 0, "path", "gone.stl"), "gone.stl"),
-    (edit("meshes", 0, "path", None), "path"),
-    (edit("meshes", 0, "unit", "furlong"), "meshes[0]"),
     (edit("meshes", 0, "sha256", "00"), "ball.stl"),
     (edit("bodies", 0, "mesh", 2), "bodies[0]: 'mesh'"),
-    (edit("bodies", 0, "name", ""), "name"),
     (edit("bodies", 1, "name", "ball"), "'ball'"),
-    (edit("bodies", 0, "parent", 1), "bodies[0].parent"),
     (edit("bodies", 0, "parent", "ball"), "'ball'"),
     (edit("bodies", 0, "two_sided", 1), "bodies[0].two_sided"),
     (edit("bodies", 0, "pose", [[10**400, 0, 0, 0]] * 4), "pose"),
-    (edit("bodies", 0, "paint", [[0, 319]]), "319"),
     (edit("bodies", 0, "paint", [[9, 320]]), "swatch index 9"),
-    (edit("bodies", 0, "paint", [[True, 320]]), "bodies[0].paint"),
     (edit("bodies", 0, "paint", "all"), "'paint'"),
     (edit("bodies", 0, "made_of", 9), "'made_of'"),
     (edit("bodies", [{}] * 10_001), "bodies"),
@@ -258,15 +235,6 @@ def test_copied_scene_file_keeps_its_sidecar_files(tmp_path: Path) -> None:
     assert (stiffness(file), stiffness(copy)) == (100.0, 50.0)
 
 
-def test_removed_sidecar_file_is_written_again(tmp_path: Path) -> None:
-    file = tmp_path / "cup.scene.json"
-    make().save(file)
-    opened = hapscene.load_scene(file)
-    make(100.0, 0.2).save(file)  # by another program
-    opened.save(file)
-    assert stiffness(file) == 300.0 and len(sidecars(tmp_path)) == 2
-
-
 def test_only_sidecar_files_are_removed(tmp_path: Path) -> None:
     (tmp_path / "scans").mkdir()
     names = ("cup.scan.ply", "cup.20240115.ply", "cup.abcdef01.ply", "mug.abcdef01.ply", "scans/cup.abcdef01.ply")
@@ -276,19 +244,6 @@ def test_only_sidecar_files_are_removed(tmp_path: Path) -> None:
     (tmp_path / "cup.scene.json").write_text(json.dumps(content))  # untrusted
     make().save(tmp_path / "cup.scene.json")
     assert all((tmp_path / name).is_file() for name in names)
-
-
-@pytest.mark.parametrize(
-    ("name", "answer"),
-    [
-        ("cup.box.0123abcd.ply", True),
-        ("scan.20240115.ply", False),  # a date
-        ("cup.box.ply", False),
-        ("0123abcd.ply", False),
-    ],
-)
-def test_is_own(name: str, answer: bool) -> None:
-    assert is_own(Path("somewhere") / name) is answer
 
 
 # Encoding of paint.
@@ -312,11 +267,9 @@ def packed(content: bytes) -> str:
 @pytest.mark.parametrize(
     "value",
     [
-        "no base64!",
         packed(bytes(6)),
         packed(bytes(100_000_000)),  # 100 kB that unpack to 100 MB
         base64.b64encode(zlib.compress(bytes(8))[:-2]).decode(),
-        packed(np.array([0, 1, 2, 3], "<i2").tobytes()),
         packed(np.array([0, 1, -1, 2], "<i2").tobytes()),
     ],
 )

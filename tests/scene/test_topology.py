@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.scene import topology
-from hapscene.scene.topology import area_of, edges_of, first_of, volume_of, weld, winding_of
+from hapscene.scene.topology import area_of, edges_of, volume_of, weld, winding_of
 
 BALL = trimesh.creation.icosphere(subdivisions=3)
 
@@ -23,12 +22,6 @@ def test_weld_merges_exactly_equal_positions():
     np.testing.assert_array_equal(weld(points), first[inverse.ravel()])
 
 
-def test_first_of_handles_hash_collisions(monkeypatch):
-    rows = np.array([[1, 2, 3], [3, 2, 1], [1, 2, 3], [3, 2, 1]], np.uint64)
-    monkeypatch.setattr(topology, "_mix", lambda rows: np.zeros(len(rows), np.uint64))
-    assert first_of(rows).tolist() == [0, 1, 0, 1]
-
-
 @pytest.mark.parametrize("make", [lambda m: (np.array(m.vertices), np.array(m.faces)), soup])
 def test_edges_of_a_closed_mesh(make):
     vertices, faces = make(BALL)
@@ -40,16 +33,6 @@ def test_edges_of_a_closed_mesh(make):
     assert {tuple(sorted(pair)) for pair in pairs.tolist()} == expected
 
 
-def test_degenerate_faces_have_no_edges():
-    faces = np.array([[0, 1, 2], [0, 0, 2], [1, 1, 1]])
-    edges = edges_of(faces, np.arange(3))
-    assert len(edges.count) == 3
-    assert edges.count_by_face().tolist() == [[1, 1, 1], [0, 0, 0], [0, 0, 0]]
-    ends = {tuple(end) for end in edges.ends(np.arange(3)).tolist()}
-    assert ends == {(0, 1), (1, 2), (2, 0)}
-    assert not len(edges_of(faces, np.arange(3), np.array([False, True, True])).count)
-
-
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.45])
 def test_reversed_faces_are_found(share):
     vertices, faces = np.array(BALL.vertices), np.array(BALL.faces)
@@ -59,14 +42,6 @@ def test_reversed_faces_are_found(share):
     winding = winding_of(edges, area_of(vertices[faces]))
     np.testing.assert_array_equal(winding.turned, chosen)
     assert not winding.one_sided.any()
-
-
-def test_winding_is_checked_per_shell():
-    vertices = np.concatenate([BALL.vertices, np.asarray(BALL.vertices) + 5])
-    faces = np.concatenate([BALL.faces, np.asarray(BALL.faces)[:, ::-1] + len(BALL.vertices)])
-    winding = winding_of(edges_of(faces, weld(vertices)), area_of(vertices[faces]))
-    assert not winding.turned.any()
-    assert len(np.unique(winding.shell)) == 2
 
 
 def test_moebius_strip_is_one_sided():

@@ -10,8 +10,7 @@ import trimesh
 from hapscene.cli.inputs import load_input
 from hapscene.cli.options import MeshOptions
 from hapscene.errors import HapsceneError, MeshError, SceneError
-from hapscene.exchange import export_scene, import_scene
-from hapscene.exchange.format_registry import EXPORTS
+from hapscene.exchange import export_scene
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene, load_scene
@@ -98,27 +97,3 @@ def test_up_and_scale_are_rejected_for_scenes(tmp_path: Path) -> None:
     for name in ("a.scene.json", "a.ply"):
         with pytest.raises(HapsceneError, match=name):
             load_input(str(tmp_path / name), MeshOptions(up="y"))
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", [name for name in EXPORTS if name != "html"])
-def test_export_preserves_the_orientation(name: str, tmp_path: Path) -> None:
-    corners = [[0, 0, 0], [0.02, 0, 0], [0, 0.05, 0], [0, 0, 0.03]]
-    ramp = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    ramp.export(tmp_path / "ramp.glb")
-    scene = Scene()
-    scene.add(tmp_path / "ramp.glb", pose=trimesh.transformations.rotation_matrix(0.5, (1, 2, 3), (0.1, 0.2, 0.3)))
-    file = tmp_path / f"out{EXPORTS[name].suffix}"
-    export_scene(scene, file, name)
-    unit = "m" if file.suffix in (".obj", ".stl", ".ply") else None
-    opened = [import_scene(file, unit), Scene()]
-    opened[1].add(file, unit=unit)  # also as an ordinary mesh file
-    for back in opened:
-        np.testing.assert_allclose(corners_of(back), corners_of(scene), atol=1e-8)
-
-
-def corners_of(scene: Scene) -> np.ndarray:
-    """Corners (n, 3) of all faces in W [m], in an order that does not depend on theirs."""
-    body = scene.bodies[0]
-    corners = (body.mesh.triangles_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]).reshape(-1, 3)
-    return corners[np.lexsort(corners.round(6).T)]

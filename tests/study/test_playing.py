@@ -105,28 +105,6 @@ def test_unsuitable_outputs_and_faults(maker: StimulusMaker) -> None:
     player.close()
 
 
-def test_a_stalled_output_is_an_error(maker: StimulusMaker) -> None:
-    output = FakeOutput()
-    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
-    output.close()
-    with pytest.raises(StudyError, match="fake: "):
-        player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
-    assert output.now_s() == pytest.approx(1e-9 * BEGIN_NS + 0.1 + TIMEOUT_S, abs=0.02)
-
-
-def test_close_stops_the_sound(maker: StimulusMaker) -> None:
-    class Closing(FakeOutput):
-        def wait(self, event: Event, timeout_s: float) -> bool:
-            if len(self.blocks) == 10:
-                player.close()
-            return super().wait(event, timeout_s)
-
-    output = Closing()
-    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
-    player.ready(Interval(stimulus(swatch="wood", seconds=60.0), 1))()
-    assert len(output.blocks) == 10 and not output.fault
-
-
 def test_samples_given_during_a_read_are_played_completely() -> None:
     feed, out = _Samples(), np.full(7, np.nan)
     ended = []
@@ -155,3 +133,12 @@ def test_samples_given_during_a_read_are_played_completely() -> None:
     feed.fade_in()
     feed.pull(out)
     assert not out.any()
+
+
+def test_a_stalled_output_is_an_error(maker: StimulusMaker) -> None:
+    output = FakeOutput()
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    output.close()
+    with pytest.raises(StudyError, match="fake: "):
+        player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
+    assert output.now_s() == pytest.approx(1e-9 * BEGIN_NS + 0.1 + TIMEOUT_S, abs=0.02)

@@ -84,18 +84,6 @@ def test_a_swatch_is_synthesised_resampled_and_faded(maker: StimulusMaker) -> No
     assert made[0] == 0.0 and abs(made[-1]) < 1e-4 and np.abs(made[: edge // 8]).max() < 0.05 * np.abs(made).max()
 
 
-def test_the_seed_determines_the_noise(maker: StimulusMaker) -> None:
-    one = stimulus(swatch="wood")
-    first, again, other = (maker.samples(one, seed, RATE_HZ) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert abs(np.corrcoef(first, other)[0, 1]) < 0.05
-
-
-def test_gain_is_in_dB(maker: StimulusMaker) -> None:
-    plain, louder = (maker.samples(stimulus(swatch="paper", gain_dB=gain_dB), 3, RATE_HZ) for gain_dB in (0.0, 6.0))
-    np.testing.assert_allclose(louder, 10.0 ** (6.0 / 20.0) * plain, rtol=1e-12, atol=1e-15)
-
-
 def test_life_false_disables_amplitude_modulation(maker: StimulusMaker) -> None:
     def unsteadiness(life: bool) -> float:
         levels = []

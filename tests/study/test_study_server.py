@@ -180,63 +180,6 @@ def test_an_answer_needs_all_intervals_and_counts_once(ask: Callable[..., Asked]
     assert session.done == 1
 
 
-def test_replays_are_counted(ask: Callable[..., Asked], tmp_path: Path) -> None:
-    server, session, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, **{"continue": True})
-    count = len(play_all(server)["intervals"])
-    play_all(server)
-    order(server, play=[server.state()["number"], 0, 1])
-    await_play(server)
-    order(server, answer=[server.state()["number"], 0, 1.0])
-    assert load_rows(tmp_path / "answers" / "results.csv")[0]["replays"] == str(count + 1)
-    assert len(player.played) == 2 * count + 1 and session.done == 1
-
-
-def test_intervals_are_synthesised_once_before_playing(ask: Callable[..., Asked]) -> None:
-    """Otherwise the silence between two would show which takes longer to synthesise."""
-    server, session, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, **{"continue": True})
-    played = 0
-    while session.trial is not None:
-        if server.state()["screen"] == "break":
-            order(server, **{"continue": True})
-        trial = session.trial
-        play_all(server)
-        play_all(server)  # again
-        assert player.made == [(interval, played) for interval in trial.intervals]
-        played += 2 * len(trial.intervals)
-        player.made.clear()
-        order(server, answer=[trial.number, 0, 1.0])
-
-
-def test_messages_during_playback_have_no_effect(ask: Callable[..., Asked]) -> None:
-    server, session, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, **{"continue": True})
-    play_all(server)
-    player.free.clear()
-    number = server.state()["number"]
-    order(server, play=[number, 0, 1])
-    assert server.state()["playing"]
-    order(server, answer=[number, 0, 1.0])
-    order(server, play=[number, 0, 1])
-    player.free.set()
-    await_play(server)
-    assert session.done == 0 and len(player.played) == len(server.state()["intervals"]) + 1
-
-
-def test_a_resumed_session_has_no_practice(ask: Callable[..., Asked]) -> None:
-    server, session, _ = ask()
-    answer_all(server, session, upto=3)
-    server.close()
-    session.close()
-    again, resumed, _ = ask()
-    assert resumed.done == 3 and again.state()["screen"] == "begin" and again.state()["practices"] == 0
-    order(again, **{"continue": True})
-    assert again.state()["number"] == 3
-    answer_all(again, resumed)
-    assert resumed.done == 8
-
-
 def test_breaks(ask: Callable[..., Asked]) -> None:
     server, session, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
     order(server, **{"continue": True})

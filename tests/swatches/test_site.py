@@ -1,13 +1,11 @@
 """The static site of a library: content, replacement of files, escaping."""
 
-import json
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from html.parser import HTMLParser
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -17,9 +15,8 @@ from hypothesis import strategies as st
 from hapscene.cli import main
 from hapscene.errors import SwatchError, printable
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import save_swatch
 from hapscene.swatches import site as static_site
-from hapscene.swatches.library import LibraryEntry, add, entry_of, load_swatch, own_entries
+from hapscene.swatches.library import add, entry_of, load_swatch, own_entries
 from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
 
 pytestmark = pytest.mark.nightly
@@ -88,15 +85,6 @@ def test_get_from_a_web_server(
     assert main(["swatch", "get", "--all", "--name", "soft", "--from", address, "--library", home]) == 2
 
 
-def test_shipped_swatches_are_published_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path))
-    every = {source.swatch.name: source for source in gather(shipped=True)}
-    folder = resources.files("hapscene_swatches")
-    assert every["wood"].data == (folder / "wood.swatch").read_bytes()
-    assert every["glass"].data == (folder / "computed" / "glass.swatch").read_bytes()
-    assert "glass" in every["glass"].tags and len(every) > 30
-
-
 def test_files_of_a_swatch(site: Path) -> None:
     assert not (site / "index.swatch").exists() and (site / "index_2.html").is_file()
     for page in sorted(site.glob("*.html")):
@@ -134,59 +122,6 @@ def test_other_files_are_not_replaced(name: str, tmp_path: Path) -> None:
     with pytest.raises(SwatchError, match=f"{name}: exists, but"):
         publish(gather(["wood"]), tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == [name]
-
-
-@pytest.mark.usefixtures("quick")
-def test_library_folder_is_not_replaced(tmp_path: Path) -> None:
-    add(Swatch("oak"), tmp_path)
-    with pytest.raises(SwatchError, match="not part of an earlier publication"):
-        publish(gather(library=tmp_path), tmp_path)
-    assert sorted(file.name for file in tmp_path.iterdir()) == [".lock", "index.json", "oak.swatch"]
-
-
-@pytest.mark.usefixtures("quick")
-def test_interrupt_changes_nothing(tmp_path: Path) -> None:
-    def say(text: str) -> None:
-        if text.startswith("2/"):
-            raise KeyboardInterrupt
-
-    publish(gather(["wood"]), tmp_path / "site")
-    before = {file: file.read_bytes() for file in (tmp_path / "site").iterdir()}
-    with pytest.raises(KeyboardInterrupt):
-        publish(gather(["wood", "paper"]), tmp_path / "site", say=say)
-    assert {file: file.read_bytes() for file in (tmp_path / "site").iterdir()} == before
-    assert [file.name for file in tmp_path.iterdir()] == ["site"]
-
-
-def test_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    twin = tmp_path / "twin.swatch"
-    save_swatch(load_swatch("wood"), twin)
-    (tmp_path / "file").write_text("")
-    broken = tmp_path / "broken.swatch"
-    broken.write_text("{}")
-    site, none = str(tmp_path / "site"), str(tmp_path / "none")
-    for words, message in {
-        (site, "--library", none): "is empty: name swatches to publish, or use --shipped",
-        (site, "wood", str(twin)): "two swatches have the name 'wood'",
-        (site, "oka"): "no swatch 'oka'",
-        (site, str(broken)): "broken.swatch: not a swatch",
-        (str(tmp_path / "file"), "wood"): "it is a file; expected a folder",
-    }.items():
-        assert main(["swatch", "publish", *words]) == 2
-        printed = capsys.readouterr()
-        assert message in printed.err and printed.err.count("\n") == 1, printed.err
-    assert not Path(site).exists()
-
-
-@pytest.mark.usefixtures("quick")
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    add(Swatch("bare"), tmp_path / "home")
-    words = ["publish", str(tmp_path / "site"), "--library", str(tmp_path / "home"), "--title", "Woods"]
-    assert main(["swatch", *words]) == 0
-    printed = capsys.readouterr()
-    assert "1/1  bare" in printed.out and "index.html  (1 swatches," not in printed.out and "1 swatch, " in printed.out
-    assert "without a licence, others may not use: bare" in printed.err
-    assert "<title>Woods</title>" in (tmp_path / "site" / "index.html").read_text()
 
 
 # Untrusted names and texts.
@@ -237,10 +172,3 @@ def test_texts_are_escaped(name: str, provenance: str, licence: str, tag: str, t
         page.encode()
         assert not any("\x7f" <= sign <= "\x9f" or (sign < " " and sign != "\n") for sign in page)
     assert printable(" ".join(provenance.split())) in Skeleton(page).texts
-
-
-def test_index(site: Path, sources: list[static_site.Source]) -> None:
-    listed = json.loads((site / "index.json").read_text())["swatches"]
-    assert [LibraryEntry(**{**row, "tags": tuple(row["tags"])}).name for row in listed] == sorted(
-        source.swatch.name for source in sources
-    )

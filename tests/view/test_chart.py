@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from PIL import Image
 
-from hapscene.view.chart import dark_twin, inline_svg, new_chart, picture, save_both, turn_dark
+from hapscene.view.chart import dark_twin, inline_svg, new_chart, save_both, turn_dark
 from hapscene.view.palette import DARK, INK, OKABE_ITO, rgb
 
 
@@ -71,9 +71,3 @@ def test_inline_svg(figure: Figure) -> None:
     assert f"stroke: {OKABE_ITO['blue']}".lower() in drawing  # colours do not change
     assert INK not in re.sub(r"light-dark\(.*?\)", "", drawing)
     assert ">force [N]</text>" in drawing
-
-
-def test_picture() -> None:
-    html = picture("bench/speed.png", 'of "ours" & <theirs>')
-    assert 'srcset="bench/speed-dark.png"' in html and 'src="bench/speed.png"' in html
-    assert "&quot;ours&quot; &amp; &lt;theirs&gt;" in html

@@ -1,7 +1,5 @@
 """Parts of a picture."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -41,14 +39,6 @@ def test_path_tool_and_force(scene: Scene, recording: Recording) -> None:
     assert top == pytest.approx(recording.p_WP_m[900] + (0, 0, ARROW_LENGTH * figure.size_m), abs=1e-9)
     foot = moved(figure.parts[SHAFT], poses[SHAFT]).corner_m
     assert foot[:, 2].min() == pytest.approx(recording.p_WP_m[900, 2], abs=1e-9)
-
-
-def test_arrow_length(scene: Scene, recording: Recording) -> None:
-    half = recording.f_W_N.copy()
-    half[900:] *= 0.5
-    figure = make_figure_parts(scene, replace(recording, f_W_N=half), LIGHT, np.array([1999]))
-    ends = [moved(figure.parts[HEAD], dict(figure.shown(tick))[HEAD]).corner_m[:, 2].max() for tick in (850, 950)]
-    assert ends[1] == pytest.approx(0.5 * ends[0])
 
 
 def test_arrow_spacing(recording: Recording) -> None:

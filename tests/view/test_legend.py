@@ -8,7 +8,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view.palette import LIGHT, rgb
-from hapscene.view.picture import NAME_MAX, Legend, LegendEntry, entries_of, length_text, measures_of, round_down
+from hapscene.view.picture import Legend, LegendEntry, entries_of, length_text, measures_of, round_down
 
 
 def inked(legend: Legend, measures: list[LegendEntry]) -> np.ndarray:
@@ -44,22 +44,3 @@ def test_measures() -> None:
     assert [round_down(m) for m in (0.0123, 0.05, 0.199, 7.0)] == pytest.approx([0.01, 0.05, 0.1, 5.0])
     assert [length_text(m) for m in (0.05, 2.0, 2e-5)] == ["50 mm", "2 m", "20 µm"]
     assert measures_of(1e-5, 800, LIGHT, arrow_m_N=0.06, f_max_N=0.002)[0].text == "force, 2 mN"
-
-
-def test_long_names_are_shortened() -> None:
-    scene = Scene()
-    scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", swatch=Swatch("w" * (NAME_MAX + 1)))
-    assert entries_of(scene, LIGHT)[0].text == "w" * (NAME_MAX - 1) + "…"
-
-
-@pytest.mark.parametrize("kind", ["patch", "line", "thread", "ball", "bar", "arrow"])
-def test_symbols(kind: str) -> None:
-    size = 12  # of the text in a picture of 800 pixels
-    ink = inked(Legend([LegendEntry("wood", "#123456", kind, 100 if kind in ("bar", "arrow") else 0)], 800, LIGHT), [])
-    long = {"bar": 100, "arrow": 100, "ball": 2 * round(0.4 * size)}.get(kind, round(1.4 * size))
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], ink.any(axis=0), [0])).astype(int))).reshape(-1, 2)
-    sign, text = edges[0], edges[1]
-    assert np.ptp(sign) == pytest.approx(long + 1, abs=2) and text[0] - sign[1] >= 0.4 * size
-    rows = np.flatnonzero(ink[:, sign[0] : sign[1]].any(axis=1))
-    high = {"patch": size, "ball": 0.8 * size, "arrow": size, "bar": size, "line": size / 3, "thread": size / 6}[kind]
-    assert len(rows) == pytest.approx(high, abs=2.5)

@@ -1,46 +1,15 @@
 """Plots of a touch."""
 
-import re
 from dataclasses import fields, replace
-from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from PIL import Image
 
 from hapscene.render.recording import Recording
 from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, write_plot
-
-
-def test_labels(recording: Recording) -> None:
-    axes = draw_plot(recording, "a title").axes
-    units = [re.findall(r"\[(.*?)\]|$", ax.get_ylabel())[0] for ax in axes]
-    assert units == ["", "N", "mm", "m/s²", "Hz", ""] and "[s]" in axes[4].get_xlabel()
-    legend = axes[0].get_legend()
-    assert legend is not None
-    assert {text.get_text() for text in legend.get_texts()} <= set(recording.swatch_names)
-
-
-@pytest.mark.parametrize("swatch_count", [5, 12])
-def test_texts_do_not_overlap(recording: Recording, swatch_count: int) -> None:
-    names = tuple(f"swatch {k}" for k in range(swatch_count))
-    swatch = np.where(recording.touching, np.arange(len(recording)) // 20 % swatch_count, -1).astype(np.int32)
-    figure = draw_plot(replace(recording, swatch=swatch, swatch_names=names), "a title of a common length")
-    figure.canvas.draw()
-    hidden = set()  # ticks outside the view are not drawn
-    for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
-        low, high = sorted(axis.get_view_interval())
-        hidden |= {tick.label1 for tick in axis.get_major_ticks() if not low <= tick.get_loc() <= high}
-    texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
-    texts = [text for text in texts if text not in hidden]
-    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
-    whole = figure.bbox
-    for (name_a, a), (name_b, b) in combinations(boxes, 2):
-        inside = all(whole.contains(*corner) for box in (a, b) for corner in box.corners())
-        assert not (inside and a.shrunk(0.98, 0.9).overlaps(b.shrunk(0.98, 0.9))), f"{name_a!r} over {name_b!r}"
 
 
 def test_spectrogram_of_a_sine(recording: Recording) -> None:

@@ -9,7 +9,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.view.feel_layer import OPACITY, scene_solids
-from hapscene.view.triangles import LATHE_SIDES, Triangles, joined, lathe, moved, same, tube
+from hapscene.view.triangles import Triangles, joined, lathe, moved, tube
 
 
 def _solid(scene: Scene) -> Triangles:
@@ -46,15 +46,6 @@ def test_normals_at_creases() -> None:
     np.testing.assert_allclose(solid.normal, solid.corner_m / 0.5, atol=0.02)
 
 
-def test_poses() -> None:
-    X_WB = np.eye(4)
-    X_WB[:3, 3] = 1.0, 2.0, 3.0
-    scene = Scene()
-    scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", pose=X_WB)
-    corner_m = _solid(scene).corner_m
-    np.testing.assert_allclose((corner_m.min(axis=0) + corner_m.max(axis=0)) / 2, X_WB[:3, 3])
-
-
 def volume_and_flux(solid: Triangles) -> tuple[float, np.ndarray]:
     """Enclosed volume, and cosine between shading normals and face normals (k,)."""
     a, b, c = (solid.corner_m[k::3] for k in range(3))
@@ -65,16 +56,6 @@ def volume_and_flux(solid: Triangles) -> tuple[float, np.ndarray]:
     return float(np.einsum("kx,kx->", a, across) / 6.0), away
 
 
-def test_lathe() -> None:
-    """A cone on a cylinder on a cone: prisms and pyramids over a regular polygon."""
-    solid = lathe([(0.0, 0.0), (0.02, 0.03), (0.02, 0.05), (0.0, 0.06)], "#FF0000")
-    area = 0.5 * LATHE_SIDES * np.sin(2 * np.pi / LATHE_SIDES) * 0.02**2
-    volume, outwards = volume_and_flux(solid)
-    assert volume == pytest.approx(area * (0.03 / 3 + 0.02 + 0.01 / 3)) and outwards.min() > 0.98
-    np.testing.assert_allclose(np.linalg.norm(solid.normal, axis=1), 1.0)
-    assert np.all(solid.colour == [1.0, 0.0, 0.0])
-
-
 def test_moved_and_scaled() -> None:
     ball = lathe([(0.01 * np.sin(a), -0.01 * np.cos(a)) for a in np.linspace(0.0, np.pi, 13)], "#00FF00")
     X = np.diag([1.0, 1.0, 5.0, 1.0])
@@ -83,13 +64,6 @@ def test_moved_and_scaled() -> None:
     volume, outwards = volume_and_flux(long._replace(corner_m=long.corner_m - X[:3, 3]))
     assert volume == pytest.approx(5.0 * volume_and_flux(ball)[0]) and outwards.min() > 0.95
     assert moved(ball, np.eye(4)) is ball
-
-
-def test_same() -> None:
-    one, other = np.eye(4), 2.0 * np.eye(4)
-    assert same([], []) and same([(0, one), (1, other)], [(0, one.copy()), (1, other)])
-    assert not same([(0, one)], [(0, other)]) and not same([(0, one)], [(1, one)])
-    assert not same([(0, one), (1, other)], [(0, one)]) and not same([(0, one), (1, one)], [(0, one), (1, other)])
 
 
 def test_subdivided_faces() -> None:

@@ -1,7 +1,6 @@
 """The web server of a page: who is let in, what limits a page, and that sending never blocks."""
 
 import json
-import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -98,15 +97,6 @@ def test_messages_reach_the_program_and_every_page(opened: Opened) -> None:
         server.send({"b": 2})
         assert receive(one) == receive(other) == {"b": 2}
     assert [taken.get(timeout=PATIENCE_S) for _ in range(2)] == ["left", "left"]
-
-
-def test_broken_connection_is_detected(opened: Opened) -> None:
-    server, taken = opened
-    tab = connect(server)
-    assert receive(tab)
-    tab.socket.shutdown(socket.SHUT_RDWR)
-    assert taken.get(timeout=PATIENCE_S) == "left"
-    assert not server.pages
 
 
 def test_too_long_and_too_many_messages_end_the_connection(opened: Opened) -> None:

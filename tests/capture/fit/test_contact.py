@@ -48,9 +48,7 @@ def presses(
     [
         ("damping_Ns_m", 3.0, {}),
         ("damping_Ns_m", 3.0, {"noise_N": 0.06, "noise_m": 3e-5, "rate_Hz": 10_000.0}),
-        ("damping_Ns_m", 0.5, {}),
         ("hunt_crossley_Ns_m2", 800.0, {}),
-        ("hunt_crossley_Ns_m2", 300.0, {}),
     ],
 )
 def test_damping_and_its_type_are_found(name, truth, more):

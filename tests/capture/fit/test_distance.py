@@ -81,10 +81,3 @@ def test_tonal_share_separates_tones_from_noise_and_resonances(count: int) -> No
     resonance = np.asarray(lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], noise))
     assert spectral.tonal_share(np.sin(2.0 * np.pi * 440.0 * t) + 0.1 * noise, 5000.0) > 0.9
     assert spectral.tonal_share(noise, 5000.0) < 0.1 and spectral.tonal_share(resonance, 5000.0) < 0.6
-
-
-def test_a_long_signals_spectrum_is_taken_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    signal = np.random.default_rng(5).standard_normal(20_000)
-    whole = spectral.spectrum(signal, 2000.0)[1]
-    monkeypatch.setattr(spectral, "WINDOWS", 7)
-    assert spectral.spectrum(signal, 2000.0)[1] == pytest.approx(whole, rel=1e-9)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.friction import COMMON_ERROR, EDGE_S, STROKES_MIN, _curve, _strokes, fit_friction
+from hapscene.capture.fit.friction import COMMON_ERROR, EDGE_S, STROKES_MIN, fit_friction
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
-from hapscene.capture.fit.stiffness import fit_stiffness
 from hapscene.capture.io.streams import Streams, clean
 
-from ..simulated_tool import noisy
+from ..natural_strokes import dragged
+from ..signals import fit, noisy
 
 pytestmark = pytest.mark.nightly
 
@@ -90,30 +90,6 @@ def test_constant_friction_has_no_stribeck_curve():
     assert "never starts from rest" in found.absent["friction_static"]
 
 
-def test_missing_streams_are_reasons():
-    noise = np.random.default_rng(0).standard_normal(20_000)
-    nothing = [part(noise, 5000.0)]
-    assert "tangential force" in fit_friction(nothing).absent["friction_dynamic"]
-    assert fit_friction(nothing).dynamic == 0.0
-    assert fit_stiffness(nothing).reason == "the depth was not recorded"
-    sliding = 1.0 + 0.1 * np.sin(np.arange(20_000) / 2000)
-    assert "without sliding" in fit_stiffness([part(noise, 5000.0, sliding, depth_m=1e-3 * sliding)]).reason
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_stiffness(seed, handled_recording):
-    found = fit_stiffness(handled(handled_recording(seed)))
-    assert found.slope_N_m == pytest.approx(500.0, rel=0.03)
-    assert found.interval is None and "2 presses" in found.reason
-
-
-def test_uncorrelated_force_gives_no_stiffness(handled_recording):
-    truth = handled_recording(0)
-    truth.depth_m = np.random.default_rng(0).standard_normal(len(truth.depth_m)) * 1e-3
-    found = fit_stiffness(handled(truth))
-    assert found.slope_N_m is None and "not proportional" in found.reason
-
-
 def slides(tangential_N, speed_m_s, sliding, rate=1000.0):
     """A recording at 1 N with given runs of sliding."""
     count = len(tangential_N)
@@ -130,21 +106,6 @@ def test_the_ends_of_sliding_are_omitted():
     found = fit_friction(slides(np.where(middle, 0.3, 0.1) * sliding, np.full(len(cycle), 0.1), sliding))
     assert found.dynamic == pytest.approx(0.3, abs=1e-9)
     assert found.intervals["friction_dynamic"] == pytest.approx((0.3, 0.3), rel=2.0 * COMMON_ERROR)
-
-
-def test_the_ends_of_the_recording_are_not_omitted():
-    whole = slides(np.full(150, 0.3), np.full(150, 0.1), np.ones(150, bool))
-    assert fit_friction(whole).dynamic == pytest.approx(0.3)
-    inside = np.zeros(250, bool)
-    inside[50:200] = True
-    assert fit_friction(slides(np.full(250, 0.3), np.full(250, 0.1), inside)).dynamic == 0.0  # one block is left
-
-
-def test_strokes_end_at_reversals_and_after_a_second():
-    to_and_fro = np.abs(np.sin(np.pi * (np.arange(60) + 0.5) / 20.0))
-    assert _strokes(to_and_fro).tolist() == sorted(20 * [0, 1, 2])
-    assert _strokes(1.0 + 0.3 * to_and_fro).tolist() == sorted(20 * [0, 1, 2])  # steady: pieces of 1 s
-    assert _strokes(to_and_fro[:20]).tolist() == 20 * [0]
 
 
 @pytest.mark.parametrize("count", [STROKES_MIN - 1, STROKES_MIN])
@@ -167,25 +128,6 @@ def test_outliers_do_not_change_the_stribeck_curve():
     assert found.static == pytest.approx(0.45, rel=0.04)  # by least squares 0.6
 
 
-def test_the_curve_is_a_huber_estimate():
-    """Against SciPy's own robust least squares, at the bound where the reweighting ends."""
-    from scipy.optimize import least_squares
-
-    rng = np.random.default_rng(0)
-    speed = rng.uniform(0.005, 0.2, 200)
-    ratio = 0.3 + 0.15 * np.exp(-((speed / 0.04) ** 2)) + 0.01 * rng.standard_normal(200)
-    ratio[::9] += 0.5
-    matrix = np.stack([np.ones(200), np.exp(-((speed / 0.04) ** 2))], axis=1)
-    error, _, weight = _curve(np.stack([2.0 * ratio, np.full(200, 2.0), speed]), 0.04)
-    found = np.linalg.lstsq(weight[:, None] * matrix, weight * ratio, rcond=None)[0]
-    away = np.abs(ratio - matrix @ found)
-    bound = 1.345 * 1.4826 * np.median(away)
-    huber = least_squares(lambda x: matrix @ x - ratio, [0.0, 0.0], loss="huber", f_scale=bound)
-    np.testing.assert_allclose(found, huber.x, atol=1e-4)
-    assert error == pytest.approx(np.sum(2.0 * away), rel=1e-3)
-    assert np.sum(weight**2 / 2.0 < 0.1) == len(ratio[::9])  # what is off counts for little, and nothing else
-
-
 def test_static_friction_needs_rest_and_force():
     """Three starts from rest: one after a rest too brief to count, one of a tool that hardly touches."""
     rate, cycle = 1000.0, np.arange(6000) % 1000
@@ -204,10 +146,21 @@ def test_static_friction_needs_rest_and_force():
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)
 
 
-def test_an_abrupt_breakaway_counts_fully():
-    cycle = np.arange(4000) % 1000
-    states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
-    pull = np.where(np.abs(cycle - 400) <= 6, 0.5, 0.3)
-    streams = Streams(1000.0, np.zeros(4000), np.ones(4000), np.full(4000, 0.1), pull)
-    found = fit_friction([(streams, Segmentation(1000.0, states, (), None, None))])
-    assert found.static == pytest.approx(0.5, rel=1e-6)
+def test_stick_slip_gives_friction_and_no_texture():
+    """37 ms of rest, 23 ms of a slip."""
+    rng, rate, count, fine = np.random.default_rng(0), 5000.0, 12_500, 8
+    normal = 1.5 + 0.2 * np.sin(2.1 * np.arange(count) / rate)
+    pulled = np.full(count * fine, 0.0115), np.repeat(normal, fine), 1.0 / (fine * rate)
+    friction = {"static": 0.45, "dynamic": 0.3, "stribeck_m_s": 1e-9, "viscous_s_m": 0.0}
+    moved = dragged(*pulled, **friction, mass_kg=0.05, spring_N_m=1000.0, damping_Ns_m=1.0)
+    speed, tangential = moved.reshape(2, count, fine).mean(axis=2)
+    acceleration = rng.standard_normal(count) * (0.02 + 20.0 * speed)
+    streams = {"force_N": normal, "speed_m_s": speed, "tangential_force_N": tangential}
+    recorded = {name: np.abs(noisy(stream, rng)) for name, stream in streams.items()}
+    swatch = fit(acceleration, rate, **recorded)
+    assert swatch.friction_static == pytest.approx(0.45, rel=0.06)
+    assert swatch.friction_dynamic == pytest.approx(0.30, rel=0.03)
+    for name, planted in (("friction_static", 0.45), ("friction_dynamic", 0.3)):
+        low, high = swatch.intervals[name]
+        assert low <= planted <= high and high - low < 0.1
+    assert swatch.texture is None and "stick–slip" in swatch.absent["texture"]

@@ -74,18 +74,12 @@ NOISE = np.random.default_rng(1).standard_normal(5000)
         ({"acceleration_m_s2": NOISE[:100]}, "100 samples"),
         ({"acceleration_m_s2": np.full(5000, 9.81)}, "acceleration"),
         ({"acceleration_m_s2": np.where(NOISE > 3, np.nan, NOISE)}, "acceleration_m_s2: sample"),
-        ({"acceleration_m_s2": NOISE.reshape(2, -1)}, "acceleration_m_s2"),
         ({"acceleration_m_s2": NOISE + 1j}, "complex128"),
-        ({"acceleration_m_s2": ["a"]}, "acceleration_m_s2"),
         ({"acceleration_m_s2": 1e7 * NOISE}, "acceleration_m_s2: sample"),
-        ({"rate_Hz": 0.0}, "rate_Hz"),
         ({"rate_Hz": np.nan}, "rate_Hz"),
-        ({"rate_Hz": "1000"}, "rate_Hz"),
         ({"force_N": NOISE[:10]}, "force_N"),
         ({"force_N": 0.0}, "force_N"),
-        ({"speed_m_s": 0.0}, "speed_m_s"),
         ({"order": 0}, "order"),
-        ({"order": 1000}, "order"),
         ({"order": "best"}, "order"),
         ({"model_count": 0}, "model_count"),
         ({"domain": "bark"}, "domain"),
@@ -161,14 +155,3 @@ def test_shipped_swatches_are_reproducible(name: str, shared: Path) -> None:
     assert (texture.order, texture.warp) == (search.chosen, search.warp)
     i = texture.order - search.orders[0]
     assert search.distance_dB[i] <= max(search.floor_dB, 1.1 * search.distance_dB.min())
-
-
-def test_outliers_are_omitted() -> None:
-    """A knock and a lift of 20 dB within a steady stroke do not change its level."""
-    signal = played(resonant([200, 700], 0.95, 2000.0), 20_000)
-    level = signal.var()
-    signal[4000:4200] *= 10.0
-    signal[9000:9400] *= 0.05
-    swatch = fit(signal, 2000.0, order=4, model_count=1)
-    assert swatch.texture is not None
-    assert abs(10 * np.log10(swatch.texture.model_power_m2_s4.max() / level)) < 0.3

@@ -65,12 +65,3 @@ def test_a_dependence_on_force_and_speed_is_no_modulation() -> None:
     louder = channels.acceleration_m_s2 * channels.speed_m_s  # power goes with the third power of the speed
     channels = replace(channels, acceleration_m_s2=louder)
     assert fit_modulation(texture_of(channels), [channels]).modulation is None
-
-
-def test_short_runs_are_reported() -> None:
-    channels, _ = simulated("bursts", 1.0)
-    short = [replace(channels, **{
-        name: getattr(channels, name)[start : start + 1000] for name in ("acceleration_m_s2", "force_N", "speed_m_s")
-    }) for start in (0, 2000)]  # fmt: skip
-    fit = fit_modulation(texture_of(channels), short)
-    assert fit.modulation is None and "0.4 s" in fit.reason

@@ -5,18 +5,13 @@ import pytest
 
 from hapscene.capture.fit.segment import InteractionState, Segmentation
 from hapscene.capture.fit.stiffness import (
-    RANGE,
     _deming,
     _loadings,
-    _noise_ratio,
-    _slope,
-    _weighted_sums,
     fit_stiffness,
 )
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Streams
 
 RATE_HZ, FORCE_ON_N = 1000.0, 0.05
-STEP = round(RATE_HZ / (4.0 * HAND_CUTOFF_HZ))
 
 
 def pressed(slope_N_m, noise_N=0.0, noise_m=0.0, count=6, drift_m=0.0, seed=0):
@@ -70,31 +65,6 @@ def test_the_slope_is_the_deming_regression(ratio):
     assert _deming(sums * [1.0, -1.0, 1.0], ratio)[0] == pytest.approx(-best, rel=1e-6)
 
 
-def test_outliers_do_not_change_the_slope():
-    rng = np.random.default_rng(0)
-    depth = rng.uniform(-1e-3, 1e-3, 300)
-    force = 500.0 * depth + 0.01 * rng.standard_normal(300)
-    force[::15] += 0.5 * np.sign(depth[::15])
-    assert _slope(depth, force, 500.0) == pytest.approx(500.0, rel=0.02)
-    away = np.abs(force - 500.0 * depth)
-    bound = 1.345 * 1.4826 * np.median(away)
-    weight = np.where(away <= bound, 1.0, bound / away)
-    expected = (weight @ depth**2, weight @ (depth * force), weight @ force**2)
-    assert _weighted_sums(depth, force, 500.0, 500.0) == pytest.approx(expected)
-
-
-def test_a_loading_ends_at_the_largest_force():
-    ((streams, states),) = pressed(500.0, count=2)
-    found = _loadings(streams, states)
-    assert len(found) == 2
-    for depth, force in found:
-        assert depth.mean() == pytest.approx(0.0, abs=1e-12) and force.mean() == pytest.approx(0.0, abs=1e-9)
-        assert np.all(np.diff(force) > 0.0)  # only while it is loaded
-        assert np.ptp(force) == pytest.approx(2.0 * (RANGE[1] - RANGE[0]), rel=0.05)
-    rise = np.arcsin(RANGE) * 0.8 / (2.0 * np.pi) * RATE_HZ
-    assert len(found[0][0]) == pytest.approx(np.ptp(rise) / STEP, abs=1.0)
-
-
 def test_sliding_and_weak_contacts_are_no_loadings():
     ((streams, states),) = pressed(500.0, count=3)
     states.states[300:330] = InteractionState.SLIDING  # the first slides to rest
@@ -110,11 +80,3 @@ def test_few_loadings_have_no_interval(count):
     found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
     assert found.slope_N_m == pytest.approx(500.0, rel=0.1)
     assert (found.interval is None) == (str(count) in found.reason) == (count < 4)
-
-
-def test_the_noise_ratio_is_limited():
-    """A stream without noise counts as having a hundredth of the relative noise of the other."""
-    for (noise_N, noise_m), share in (((0.0, 8e-4), 0.01), ((0.05, 0.0), 100.0)):
-        ((streams, states),) = pressed(500.0, noise_N, noise_m)
-        span = np.ptp(streams.force_N) / np.ptp(streams.depth_m)
-        assert _noise_ratio([(streams, states)]) == pytest.approx(share * span)

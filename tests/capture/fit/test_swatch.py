@@ -1,10 +1,7 @@
 """Fits of all quantities of a recording to one swatch."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from hapscene.capture.fit.segment import segment
 from hapscene.capture.fit.stiffness import Stiffness
@@ -82,51 +79,3 @@ def test_stiffness_that_was_fitted_with_damping_is_not_absent(monkeypatch):
     monkeypatch.setattr("hapscene.capture.fit.swatch.fit_stiffness", lambda parts: Stiffness(None, reason="no line"))
     swatch = fit_recordings(presses(damping=3.0))
     assert swatch.stiffness_N_m == pytest.approx(STIFFNESS_N_M, rel=0.1) and "stiffness_N_m" not in swatch.absent
-
-
-NOISE = np.random.default_rng(0).standard_normal(2000)
-
-
-def test_numpy_numbers_are_accepted():
-    assert fit(NOISE, np.int64(1000), order=np.int64(3), model_count=np.int32(1)).texture.order == 3
-
-
-@pytest.mark.nightly
-def test_a_long_recording_is_fitted_with_limited_memory() -> None:
-    """Peak memory in addition to the given streams."""
-    rate, count = 10_000.0, 400_000
-    t = np.arange(count) / rate
-    force, speed = 1.0 + 0.5 * np.sin(0.8 * t), 0.12 + 0.05 * np.sin(1.9 * t)
-    acceleration = lfilter([1.0], [1.0, -1.9, 0.92], np.random.default_rng(0).standard_normal(count)) * speed
-    peaks = []
-    for part in (slice(20_000), slice(None)):  # the first pass imports modules
-        tracemalloc.start()
-        fit(acceleration[part], rate, force_N=force[part], speed_m_s=speed[part], order=8, model_count=1)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] <= 1.95 * (acceleration.nbytes + force.nbytes + speed.nbytes)
-
-
-def test_preparing_a_recording_frees_its_streams() -> None:
-    """Peak memory of preparing a long recording, including the recording."""
-    count = 400_000
-    peaks = []
-    for part in (20_000, count):  # the first pass imports modules
-        tracemalloc.start()
-        t = np.arange(part) / 10_000.0
-        noise = np.random.default_rng(0).standard_normal(part)
-        given = [SurfaceRecording(10_000.0, noise, 1.0 + 0.5 * np.sin(t), 0.1 + 0.05 * np.sin(2.0 * t), None)]
-        del t, noise
-        tracemalloc.reset_peak()
-        part_of_it = prepare(given.pop())
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-        del part_of_it
-    assert peaks[1] <= 2.2 * 3 * 8 * count
-
-
-@pytest.mark.parametrize(("domain", "warp"), [("plain", 0.0), ("warped", 0.75), ("auto", 0.0)])
-def test_the_frequency_axis_can_be_chosen(domain: str, warp: float) -> None:
-    noise = np.random.default_rng(0).standard_normal(20_000)
-    texture = fit(noise, 10_000.0, order=8, model_count=1, domain=domain).texture
-    assert texture is not None and texture.warp == pytest.approx(warp, abs=1e-4) and texture.order == 8

@@ -40,31 +40,6 @@ def test_over_approach_speed(seed, rate_Hz, handled_recording):
         assert 0.0 < high - low < 0.4 * 70.0
 
 
-def test_similar_speeds_are_pooled():
-    """Seven taps at five speeds, neighbours of which differ by less than 20 %."""
-    rate, rng = 10_000.0, np.random.default_rng(3)
-    speeds = [0.25, 0.3, 0.35, 0.3, 0.42, 0.5, 0.25]
-    n = round(0.5 * rate)
-    a, depth, force = np.zeros((3, n * (len(speeds) + 1)))
-    depth[:] = -0.02
-    for i, v in enumerate(speeds, 1):
-        start, t = i * n, np.arange(round(0.15 * rate)) / rate
-        a[start : start + len(t)] = 100.0 * v * np.exp(-70.0 * t) * np.sin(2 * np.pi * 180.0 * t)
-        press = np.arange(round(0.04 * rate)) / rate
-        force[start : start + len(press)] = 500.0 * v * 0.04 / np.pi * np.sin(np.pi * press / 0.04)
-        depth[start : start + len(press)] = force[start : start + len(press)] / 500.0
-        away = np.arange(round(0.02 / v * rate)) / rate
-        depth[start - len(away) : start] = -v * away[::-1]
-        depth[start + len(press) : start + len(press) + len(away)] = -v * away
-    level = np.sqrt(np.mean(a[n : n + 600] ** 2))
-    a += 0.1 * level * rng.standard_normal(len(a))
-    channels = clean(a, rate, force_N=force, depth_m=depth)
-    taps = fit_taps([(channels, segment(channels))]).taps
-    assert taps is not None
-    np.testing.assert_allclose(taps.approach_m_s, sorted(set(speeds)), rtol=0.03)
-    np.testing.assert_allclose(taps.amplitude_m_s2, 100.0 * taps.approach_m_s, rtol=0.1)
-
-
 def test_intervals_contain_the_true_values(handled_recording):
     """95 % of them should; of 48, at least 40 do with a probability of 0.999."""
     inside = 0
@@ -103,25 +78,6 @@ def test_missing_taps_have_a_reason():
     channels = clean(np.random.default_rng(0).standard_normal(20_000), 10_000.0)
     found = fit_taps([(channels, segment(channels))])
     assert found.taps is None and found.absent == {"taps": "no tap was found in the recording"}
-
-
-@pytest.mark.parametrize(("frequency_Hz", "decay_1_s"), [(60.0, 30.0), (300.0, 150.0), (700.0, 80.0)])
-def test_other_frequencies(frequency_Hz, decay_1_s):
-    rate = 10_000.0
-    t_s = np.arange(15_000) / rate - 0.5
-    tap = np.where(t_s > 0, np.exp(-decay_1_s * np.maximum(t_s, 0)) * np.sin(2 * np.pi * frequency_Hz * t_s), 0.0)
-    level = tap[5000 : 5000 + round(3 / decay_1_s * rate)]
-    noisy = tap + 0.1 * np.sqrt(np.mean(level**2)) * np.random.default_rng(0).standard_normal(len(tap))
-    channels = clean(10.0 * noisy, rate)
-    states = segment(channels)
-    (run,) = states.runs(InteractionState.TAP)
-    found = measure_tap(channels, run, 0.1)
-    assert found is not None
-    assert found.value[1] == pytest.approx(frequency_Hz, rel=0.03)
-    assert found.value[2] == pytest.approx(decay_1_s, rel=0.10)
-    late = run[0] - 50  # and where the recording begins 5 ms before it
-    early = measure_tap(clean(10.0 * noisy[late:], rate), (50, run[1] - late), 0.1)
-    assert early is not None and early.value[1] == pytest.approx(frequency_Hz, rel=0.03)
 
 
 def tap(approach_m_s, decay_1_s, error_1_s=1.0, level=1.0):

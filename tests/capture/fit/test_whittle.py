@@ -6,9 +6,7 @@ from scipy.signal import freqz, lfilter
 
 from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.order import search_order
-from hapscene.capture.fit.texture import choose_model_count, fit_texture
 from hapscene.capture.fit.whittle import NoisyModel, _derivatives, density, judged, over_noise, refined
-from hapscene.capture.fit.windows import cut
 from hapscene.capture.io.streams import clean
 from hapscene.dsp.ar_filter import power_gain
 
@@ -66,23 +64,6 @@ def test_noise_and_surface_are_separated():
                                atol=2 * np.pi * 5 / RATE)  # fmt: skip
 
 
-def test_two_filters_with_noise_are_separated_by_speed():
-    """Each cluster of windows has a filter; the noise is that of the whole recording."""
-    truths = (resonant([200, 500], [60, 60]), resonant([300, 800], [60, 60]))
-    signal = np.concatenate([noisy(truths[i % 2], 15_000, 20.0, seed=i) for i in range(4)])
-    speed = np.repeat([0.1, 0.25, 0.1, 0.25], 15_000)
-    noise = over_noise(clean(signal[:15_000], RATE).acceleration_m_s2, RATE, 30)
-    part = cut(clean(signal, RATE, 1.0, speed))
-    texture = fit_texture(part, RATE, noise.order, 2, noise=noise)
-    assert choose_model_count(part, RATE, noise.order, noise) >= 2
-    frequency = np.arange(100.0, 900.0, 5.0)
-    for truth, v in zip(truths, (0.1, 0.25), strict=True):
-        model = spectral.model_spectrum(texture.model(1.0, v)[0], 1.0, RATE, frequency)
-        should = spectral.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
-        above = should > 0.02 / RATE
-        assert spectral.log_spectral_distance(model[above], should[above], frequency[above]) < 1.0
-
-
 def test_other_signals_get_no_model_with_noise(shared):
     rng = np.random.default_rng(0)
     assert over_noise(clean(rng.standard_normal(20_000), RATE).acceleration_m_s2, RATE, 20) is None  # noise alone
@@ -105,17 +86,6 @@ def test_scoring_improves_and_stays_stable():
         assert end.loss <= np.sum(spectrum.ordinates * (np.log(whole) + spectrum.power / whole)) + 1e-6
         assert np.all(np.abs(np.roots(end.a)) < 1.0)
         assert np.exp(end.log_noise) <= spectrum.noise_max * (1 + 1e-9)
-
-
-def test_parts_are_weighted_by_length():
-    one, two = np.random.default_rng(0).standard_normal((2, 1000))
-    apart = [density([x], 2000.0) for x in (one, two)]
-    both = density([one, two], 2000.0)
-    assert both.ordinates.sum() == pytest.approx(2.0 * apart[0].ordinates.sum(), rel=0.01)
-    assert both.even == pytest.approx(0.5 * (apart[0].even + apart[1].even), rel=1e-3)
-    assert np.average(both.power, weights=both.ordinates) == pytest.approx(
-        np.mean([np.average(x.power, weights=x.ordinates) for x in apart]), rel=0.05
-    )
 
 
 def some_model(spectrum, seed=0):
@@ -153,14 +123,3 @@ def test_gradient_and_information_by_differences():
     curved = [[(loss(x + g + h, true) - loss(x + g - h, true) - loss(x - g + h, true) + loss(x - g - h, true)) / 4e-8
                for h in step] for g in step]  # fmt: skip
     np.testing.assert_allclose(information, curved, rtol=1e-2, atol=1e-3 * np.abs(information).max())
-
-
-def test_scoring_converges_to_the_same_model():
-    truth = resonant([200, 600], [60, 80])
-    spectrum = density([noisy(truth, 60_000, 20.0)], RATE)
-    pole = np.roots(truth)
-    near = np.stack([[-2.0 * p.real, abs(p) ** 2] for p in pole[pole.imag > 0.0]])
-    far = near * [0.98, 0.97]
-    ends = [refined(NoisyModel(start, -5.0, np.log(0.5 * spectrum.noise_max)), spectrum) for start in (near, far)]
-    assert ends[0].loss == pytest.approx(ends[1].loss, abs=0.5)  # a few times GAIN_LEAST
-    np.testing.assert_allclose(ends[0].a, truth, atol=0.03)

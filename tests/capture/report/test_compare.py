@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapscene.capture.report.compare import Tap, compare, rank, tap_energy
+from hapscene.capture.report.compare import Tap, compare, tap_energy
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
@@ -113,13 +113,6 @@ def test_measured_taps_are_compared_by_their_own_energy() -> None:
     stored = Taps([0.1], [10.0], [100.0], [60.0], wave[None], RATE)
     found = {d.quantity.name: d.change for d in compare(textured(), textured("b", taps=stored)).differences}
     assert found["tap level"] == pytest.approx(0.0, abs=0.05)
-
-
-def test_a_library_is_ranked_by_distance() -> None:
-    library = [load_swatch(name) for name in ("leather", "wood", "paper")]
-    ranked = rank(load_swatch("wood"), library)
-    assert ranked[0].second == "wood" and ranked[0].distance_jnd == 0.0
-    assert [c.distance_jnd for c in ranked] == sorted(c.distance_jnd for c in ranked)
 
 
 def test_an_assumed_level_is_stated() -> None:

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
+from hapscene.capture.fit.segment import segment
 from hapscene.capture.io.recording import SurfaceRecording
-from hapscene.capture.io.streams import Streams, clean
-from hapscene.capture.report import plots as report_plots
+from hapscene.capture.io.streams import clean
 from hapscene.capture.report.numbers import _correlated, compare_with_recording, spectrum_along
 from hapscene.capture.report.page import _verdict, report, rows, write_report
-from hapscene.capture.report.plots import (
-    plot_friction,
-    plot_plane,
-)
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
@@ -231,48 +226,3 @@ def test_a_page_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
         write_report(PLAIN, tmp_path / "none" / "a.html")
     write_report(PLAIN, tmp_path / "a.html")
     assert [file.name for file in tmp_path.iterdir()] == ["a.html"]
-
-
-@pytest.fixture
-def axes(monkeypatch: pytest.MonkeyPatch):
-    """Axes on which the next plot of a report is drawn; its further panels are those of the same figure."""
-    from matplotlib.figure import Figure
-
-    axes = Figure().subplots()
-
-    def drawn(name, draw, *size, panels=(1,), **legend):
-        draw(axes, *(axes.figure.add_subplot() for _ in panels[1:]))
-        return ""
-
-    monkeypatch.setattr(report_plots, "drawn", drawn)
-    return axes
-
-
-def test_friction_plot(axes) -> None:
-    force = np.linspace(1.0, 2.0, 400)
-    states = np.full(400, InteractionState.SLIDING, dtype=np.int8)
-    states[300:] = InteractionState.STILL
-    streams = Streams(1000.0, np.zeros(400), force, np.full(400, 0.1), -0.3 * force)
-    swatch = Swatch("made", friction_static=0.5, friction_dynamic=0.3, intervals={"friction_dynamic": (0.25, 0.35)})
-    plot = plot_friction(swatch, streams, Segmentation(1000.0, states, (), None, None))
-    assert "0.300 (95 % interval 0.250 to 0.350)" in plot.caption and "between 0.30 and 0.30" in plot.caption
-    recorded, *lines = axes.lines
-    assert (
-        np.array_equal(recorded.get_ydata(), 0.3 * np.asarray(recorded.get_xdata()))
-        and recorded.get_xdata().max() < 1.75
-    )
-    assert [line.get_ydata()[1] / line.get_xdata()[1] for line in lines] == pytest.approx([0.3, 0.5])
-    x, y = axes.collections[0].get_paths()[0].vertices.T
-    assert (y[x > 1.0] / x[x > 1.0]).min() == pytest.approx(0.25) and (y[x > 1.0] / x[x > 1.0]).max() == pytest.approx(
-        0.35
-    )
-    still = Segmentation(1000.0, np.zeros(400, np.int8), (), None, None)
-    assert "never slides" in plot_friction(swatch, streams, still).caption
-
-
-def test_the_share_of_the_recording_beyond_the_models(axes) -> None:
-    models = {"a": [[1.0, -0.5]] * 3, "variance_m2_s4": [1.0] * 3}
-    texture = Texture.from_models(1000.0, [1.0, 1.0, 2.0], [0.1, 0.2, 0.1], **models)
-    force = np.repeat([0.01, 1.0, 3.0], [500, 300, 100])
-    plot = plot_plane(texture, Streams(1000.0, np.zeros(900), force, np.full(900, 0.1), np.zeros(900)))
-    assert "25 % of the recording is beyond" in plot.caption

@@ -10,27 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from hapscene.capture.fit.contact import fit_contact
 from hapscene.capture.fit.friction import _blocks, _slope, fit_friction
-from hapscene.capture.fit.stiffness import fit_stiffness
-from tests.capture.natural_strokes import Hand, Surface, pressed_in, stroked
+from tests.capture.natural_strokes import Hand, Surface, stroked
 
 FIRST = int(os.environ.get("HAPSCENE_COVERAGE_SEED", "0"))
-STROKED, PRESSED = range(FIRST, FIRST + 800), range(FIRST, FIRST + 1000)
+STROKED = range(FIRST, FIRST + 800)
 """Seeds. Each quantity is measured in more than 150 recordings: with 80, a coverage of 97 % is often seen as 100 %."""
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
     """A random number whose logarithm is uniform."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))
-
-
-def check(held: dict[str, list[bool]], least: dict[str, int]) -> None:
-    """Checks the share of intervals that contain the true value, and that enough quantities were measured."""
-    for name, inside in held.items():
-        print(f"{name}: {100 * np.mean(inside):.1f} % of {len(inside)}")
-        assert 0.9 <= np.mean(inside) <= 0.99 and len(inside) >= least[name], name
-    assert held.keys() == least.keys()
 
 
 def test_friction() -> None:
@@ -71,32 +61,8 @@ def test_friction() -> None:
         for name in {"friction_dynamic", "friction_static"} - found.intervals.keys():
             assert found.absent.get(f"{name}.interval") or found.absent[name]
     few = {"friction_stribeck_m_s": 150, "friction_viscous_s_m": 280}
-    check(held, {"friction_static": 700, "friction_dynamic": 700, **few})
-
-
-def test_contact() -> None:
-    """Springs, and springs with constant damping or damping that is proportional to the depth."""
-    held = defaultdict(list)
-    for seed in PRESSED:
-        rng = np.random.default_rng([8, seed])
-        stiffness = between(rng, 200.0, 2000.0)
-        hand = Hand(
-            strokes=int(rng.integers(3, 13)),
-            duration_s=between(rng, 0.4, 1.5),
-            rest_s=between(rng, 0.05, 0.4),
-            force_N=rng.uniform(1.0, 4.0),
-            spread=rng.uniform(0.05, 0.4),
-        )
-        truth = {
-            "stiffness_N_m": stiffness,
-            "damping_Ns_m": between(rng, 1.0, 15.0) if seed % 3 == 1 else 0.0,
-            "hunt_crossley_Ns_m2": stiffness * between(rng, 0.5, 5.0) if seed % 3 == 2 else 0.0,
-        }
-        recording = pressed_in(**truth, hand=hand, seed=seed)
-        found = fit_contact([recording])
-        intervals = {name: pair for name, pair in found.intervals.items() if name in truth}
-        if "stiffness_N_m" not in intervals and (pair := fit_stiffness([recording]).interval) is not None:
-            intervals["stiffness_N_m"] = pair
-        for name, (low, high) in intervals.items():
-            held[name].append(low <= truth[name] <= high)
-    check(held, {"stiffness_N_m": 850, "damping_Ns_m": 220, "hunt_crossley_Ns_m2": 180})
+    least = {"friction_static": 700, "friction_dynamic": 700, **few}
+    for name, inside in held.items():
+        print(f"{name}: {100 * np.mean(inside):.1f} % of {len(inside)}")
+        assert 0.9 <= np.mean(inside) <= 0.99 and len(inside) >= least[name], name
+    assert held.keys() == least.keys()

@@ -1,25 +1,21 @@
 """Recording over a pseudo-terminal; a thread or a separate process simulates the probe at the other end."""
 
 import errno
-import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hapscene.capture.io.hsrec import load_record
-from hapscene.capture.record.recorder import RecordingResult, record
-from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
-from hapscene.io.wire.port import Port
 from tests.capture.test_recorder import HEADER, lines
 from tests.until import until
 
@@ -41,23 +37,12 @@ class Probe:
         os.set_blocking(self.ours, False)
         self.port = os.ttyname(self._theirs)
         self._thread: threading.Thread | None = None
-        self._opened, self._over = threading.Event(), threading.Event()
+        self._over = threading.Event()
 
-    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> RecordingResult:
-        """Records in this thread. The other thread writes once the port is open, because opening it discards input."""
-
-        def asked() -> bool:
-            self._opened.set()
-            return stopped()
-
-        return record(self.port, path, stopped=asked, **more)
-
-    def play(self, parts: "Iterator[bytes] | list[bytes]", at_once: bool = False) -> None:
-        """Writes the bytes from a thread, once the port is open."""
+    def play(self, parts: Iterator[bytes]) -> None:
+        """Writes the bytes from a thread."""
 
         def write() -> None:
-            if not at_once:
-                self._opened.wait(LIMIT_S)
             try:
                 for part in parts:
                     while part:
@@ -72,23 +57,12 @@ class Probe:
         self._thread = threading.Thread(target=write, daemon=True)
         self._thread.start()
 
-    @property
-    def writing(self) -> bool:
-        """Whether not all parts are written yet."""
-        return self._thread is not None and self._thread.is_alive()
-
-    def unplug(self) -> None:
-        os.close(self.ours)
-        self.ours = -1
-
     def close(self) -> None:
-        self._opened.set()
         self._over.set()
         if self._thread is not None:
             self._thread.join(LIMIT_S)
         os.close(self._theirs)
-        if self.ours >= 0:
-            os.close(self.ours)
+        os.close(self.ours)
 
 
 @pytest.fixture
@@ -131,7 +105,7 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
     stop = threading.Event()
     words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
     with process(*words, stdout=subprocess.PIPE) as child:
-        probe.play(paced(stop), at_once=True)
+        probe.play(paced(stop))
         assert child.stdout is not None
         assert "recording acceleration [m/s2], force [N] at 2000 Hz" in child.stdout.readline()
         shown = [child.stdout.readline() for _ in range(3)]  # a line of the meter each second
@@ -154,7 +128,7 @@ def test_ctrl_c_ends_the_record_and_names_the_file(probe: Probe, tmp_path: Path,
     stop = threading.Event()
     words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
     with process(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
-        probe.play(paced(stop), at_once=True)
+        probe.play(paced(stop))
         assert child.stdout is not None and child.stderr is not None
         child.stdout.readline()
         until(lambda: path.stat().st_size > 5000)
@@ -164,35 +138,3 @@ def test_ctrl_c_ends_the_record_and_names_the_file(probe: Probe, tmp_path: Path,
     stop.set()
     assert "torn 0, garbage 0: stopped" in said and f"made:\n  {path}  (" in said
     assert load_record(path).ended == "stopped"
-
-
-def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
-    """A simulated probe in another process is recorded."""
-    with process("-m", "tests.capture.probe_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
-        assert child.stdout is not None
-        port = child.stdout.readline().strip()
-        made = record(port, tmp_path / "a.hsrec", duration_s=0.8)
-    assert made.ended == "the duration was reached" and made.rate_Hz == 3200.0 and made.count.dropped > 0
-    kept = load_record(tmp_path / "a.hsrec")
-    force = kept.streams["force"][~kept.missing]
-    assert set(kept.streams) == {"acceleration", "force", "tangential_force", "speed"} and 0.5 < force.mean() < 2.0
-    assert kept.streams["acceleration"][~kept.missing].std() > 0.05
-
-
-def test_an_unplugged_probe_ends_the_record(probe: Probe, tmp_path: Path) -> None:
-    calls = itertools.count()
-
-    def stopped() -> bool:
-        if next(calls) == 20:
-            probe.unplug()
-        return False
-
-    probe.play([HEADER, *lines(0, 400)])
-    made = probe.record(tmp_path / "a.hsrec", stopped)
-    assert made.ended.startswith("the probe was disconnected: ")
-    assert load_record(tmp_path / "a.hsrec").ended == made.ended and made.length > 0
-
-
-def test_a_port_that_another_program_has_open(probe: Probe, tmp_path: Path) -> None:
-    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program uses it"):
-        record(probe.port, tmp_path / "a.hsrec")

@@ -1,6 +1,5 @@
 """`hapscene paint` as a process."""
 
-import errno
 import os
 import signal
 import subprocess
@@ -10,19 +9,15 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
-from hapscene.cli import main, paint
 from hapscene.paint.model.document import find_recovery
-from hapscene.paint.web.page import Page
 from tests.cli.test_paint import folder
 
 __all__ = ["folder"]  # fixtures
-
 
 ENDS = [signal.SIGINT, *(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))]
 
@@ -41,34 +36,6 @@ def served(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str],
             yield process, line.split()[0]
         finally:
             process.kill()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="pages are reserved on Linux")
-def test_a_hand_that_cannot_start_is_reported(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*asked: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    class Watched(Page):
-        def __enter__(self) -> Page:
-            pages.append(self)
-            return super().__enter__()
-
-    def nap(time_s: float) -> None:
-        if time.monotonic() > end_s or any(pages[0].context.touch.problem + "\n" == text for text in output):
-            raise KeyboardInterrupt
-        time.sleep(0.01)
-
-    pages: list[Page] = []
-    output: list[str] = []
-    end_s = time.monotonic() + 60.0
-    monkeypatch.setattr(os, "posix_fallocate", fail)
-    monkeypatch.setattr("hapscene.paint.web.page.Page", Watched)
-    monkeypatch.setattr(paint, "time", SimpleNamespace(sleep=nap))
-    monkeypatch.setattr(paint, "print_progress", output.append)
-    assert main(["paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]) == 0
-    assert time.monotonic() < end_s
-    (line,) = (text for text in output if "the servo needs" in text)
-    assert "/dev/shm has " in line and line.count("\n") == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")

@@ -171,13 +171,3 @@ paint(box, [face for face in box.polygons if in_body(face.normal)[1] > 0.9], kno
     ]
     assert np.array_equal(*pictures)
     assert ball.mesh.colour_rgb is None
-
-
-def test_paint_finer_than_faces_is_reported(scene: Scene, tmp_path: Path) -> None:
-    sent = tmp_path / "sent.glb"
-    export_scene(scene, sent)
-    command = ["blender", "-b", "--factory-startup", "--python", ADD_ON, "--python-expr"]
-    text = f"import bpy; bpy.ops.import_scene.haptic_layer(filepath={str(sent)!r})"
-    done = subprocess.run([*command, text], capture_output=True, text=True, timeout=300, check=False)
-    (line,) = [line for line in done.stdout.splitlines() if line.startswith("Warning")]
-    assert "box" in line and "--cut" in line

@@ -27,8 +27,8 @@ ROWS = "[...document.querySelectorAll('.hs-bodies [role=treeitem]')].map(n => n.
 class Composer:
     """A tab of a browser on the page of `hapscene paint`, at the tab Bodies."""
 
-    def __init__(self, browser: Any, url: str, size: tuple[int, int] = (1280, 800)) -> None:
-        self.tab = browser.new_context(viewport={"width": size[0], "height": size[1]}).new_page()
+    def __init__(self, browser: Any, url: str) -> None:
+        self.tab = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
         self.tab.set_default_timeout(1e3 * PATIENCE_S)
         self.troubles: list[str] = []
         self.tab.on("pageerror", lambda error: self.troubles.append(str(error)))

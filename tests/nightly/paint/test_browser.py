@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
-import hapscene
-from hapscene.surface.swatch_file import swatch_to_json
 from tests.paint.window import BESIDE, FRONT, Window
 from tests.until import until
 
@@ -77,27 +75,6 @@ def test_views_have_keys_and_show_all(window: Window) -> None:
     until(lambda: seen_from(way / np.linalg.norm(way)))
 
 
-def test_escape_cancels_a_stroke(window: Window) -> None:
-    page, tab = window.page, window.tab
-    scene, chosen = page.context.session.scene, window.tools.chosen
-    window.tools.choose_swatch("paper", "paper")
-    tab.keyboard.press("1")
-    before = scene.bodies[0].face_swatch.copy()
-    tab.keyboard.down("Shift")
-    tab.mouse.move(*window.at(FRONT))
-    tab.mouse.down()
-    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, before))
-    tab.keyboard.press("Escape")
-    until(lambda: np.array_equal(scene.bodies[0].face_swatch, before))
-    assert not window.tools.pressed
-    tab.mouse.move(*window.at(BESIDE))
-    tab.mouse.up()
-    tab.keyboard.up("Shift")
-    window.wait("document.getElementById('hs-say').textContent.startsWith('Cancelled: brush')")
-    assert np.array_equal(scene.bodies[0].face_swatch, before)
-    window.tools.choose_swatch(chosen, chosen)
-
-
 def test_a_stroke_is_shown_before_it_is_painted_and_in_the_colour_that_follows(window: Window) -> None:
     tab, session = window.tab, window.page.context.session
     window.tools.choose_swatch("leather", "leather")
@@ -147,19 +124,6 @@ def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     window.tools.choose_swatch(chosen, chosen)
 
 
-def test_lost_connection_shows_instructions_until_reconnected(window: Window) -> None:
-    before, socket_ = len(window.troubles), window.page.context.socket
-    window.ask(
-        "window.said = []; new MutationObserver(() => said.push(document.getElementById('hs-say').textContent))"
-        ".observe(document.getElementById('hs-say'), {childList: true}); 0"
-    )
-    for connection in list(socket_._sockets):
-        connection.transport.abort()
-    window.wait("said.some(text => text.includes('start hapscene paint again'))")
-    window.wait("said.at(-1) === 'Connection restored.' || said.includes('Connection restored.')")
-    del window.troubles[before:]
-
-
 def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Window) -> None:
     page, tab = window.page, window.tab
     camera = page.server.get_clients()[window.ask("window.hapscene.client()")].camera
@@ -191,27 +155,7 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
     assert drag() == (False, True)
 
 
-def test_while_a_question_stands_keys_wait(window: Window) -> None:
-    """Ctrl-S behind it would ask once more."""
-    page, tab = window.page, window.tab
-    path = page.context.session.path
-    assert page.context.session.dirty
-    path.write_text(path.read_text() + "\n")
-    tab.keyboard.press("Control+s")
-    tab.get_by_text("Overwrite the file?").first.wait_for()
-    for keys in ("Control+s", "Control+z", "2"):
-        tab.keyboard.press(keys)
-    tab.get_by_role("button", name="Cancel").click()
-    window.wait("!document.querySelector('.mantine-Modal-content')")
-    tab.keyboard.press("Control+s")
-    tab.get_by_text("Overwrite the file?").first.wait_for()
-    tab.keyboard.press("Escape")
-    window.wait("!document.querySelector('.mantine-Modal-content')")
-    assert page.context.session.dirty and not page.context.questions
-    assert window.ask("window.hapscene.state.tool") == "brush" and page.context.session.dirty
-
-
-def test_swatch_panel_by_keyboard_and_by_dropped_file(window: Window) -> None:
+def test_swatch_panel_by_keyboard(window: Window) -> None:
     tab = window.tab
     tab.get_by_role("tab", name="Paint").click()
     window.wait("document.querySelectorAll('.hs-pick img').length > 24")
@@ -222,17 +166,4 @@ def test_swatch_panel_by_keyboard_and_by_dropped_file(window: Window) -> None:
     tab.keyboard.press("Enter")
     window.wait("window.hapscene.state.swatch === 'leather'")
     window.wait("document.activeElement.dataset.name === 'leather'")  # though all was drawn anew
-    gift = swatch_to_json(hapscene.Swatch("gift", 99.0))
-    window.ask(
-        "(text) => { const data = new DataTransfer(); data.items.add(new File([text], 'gift.swatch'));"
-        " for (const kind of ['dragenter', 'dragover', 'drop']) "
-        "document.body.dispatchEvent(new DragEvent(kind, { bubbles: true, cancelable: true, dataTransfer: data })); }",
-        gift,
-    )
-    window.wait("window.hapscene.state.swatch === 'gift'")
-    window.wait("document.querySelector('.hs-pick[data-name=gift]') && document.getElementById('hs-drop').hidden")
-    tab.get_by_label("Search").first.fill("computed")
-    window.wait(
-        "document.querySelectorAll('.hs-pick').length > 24 && !document.querySelector('.hs-pick[data-name=gift]')"
-    )
     assert len(window.troubles) == before

@@ -1,4 +1,4 @@
-"""That the page can be read: contrast of all its text, light and dark; nothing cut in a small window."""
+"""That the page can be read, light and dark; nothing cut in a small window."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,42 +15,9 @@ import hapscene
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import TABS, Page
 from tests.paint.conftest import library_in, mesh_of
-from tests.until import until
 
 LONG = "polished_mahogany_veneer_of_the_old_harpsichord_lid_sample_17b"
 
-
-CONTRAST_MIN = 4.5
-"""Of text to its ground: WCAG 2.1, 1.4.3, level AA."""
-
-FAINT = """least => {
-  const parse = text => { const n = text.match(/[\\d.]+/g).map(Number); return n.length > 3 ? n : [...n, 1]; };
-  const over = (a, b) => [0, 1, 2].map(i => a[i] * a[3] + b[i] * (1 - a[3])).concat(1);
-  const linear = v => v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4;
-  const light = c => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]) + 0.05;
-  const dark = document.documentElement.dataset.mantineColorScheme === 'dark';
-  const faint = [], walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  let count = 0;
-  while (walk.nextNode()) {
-    const text = walk.currentNode.textContent.trim(), node = walk.currentNode.parentElement;
-    if (text.length < 2 || /SCRIPT|STYLE/.test(node.tagName) || node.closest(':disabled') || !node.checkVisibility())
-      continue;
-    let opacity = 1, ground = dark ? [20, 20, 20, 1] : [255, 255, 255, 1];
-    const layers = [];
-    for (let n = node; n; n = n.parentElement) {
-      opacity *= Number(getComputedStyle(n).opacity);
-      layers.unshift(parse(getComputedStyle(n).backgroundColor));
-    }
-    for (const layer of layers) ground = over(layer, ground);
-    const colour = parse(getComputedStyle(node).color);
-    colour[3] *= opacity;
-    const [a, b] = [light(over(colour, ground)), light(ground)];
-    count += 1;
-    if (Math.max(a, b) / Math.min(a, b) < least) faint.push(`${text}: ${(Math.max(a, b) / Math.min(a, b)).toFixed(2)}`);
-  }
-  return [count, faint];
-}"""
-"""How much text is seen, and that whose contrast is less than that, with it; what cannot be pressed now is left out."""
 
 CUT = """() => [...document.querySelectorAll('#hs *, .hs-card, .hs-swatch, .hs-swatch *, .hs-table, input[inputmode]')]
   .filter(n => n.checkVisibility() && n.clientWidth && n.scrollWidth > n.clientWidth + 1)
@@ -108,15 +75,6 @@ def tab(request: pytest.FixtureRequest, page: Page, browser: Any) -> Iterator[An
         yield tab
 
 
-def test_text_is_readable_and_whole(tab: Any) -> None:
-    for name in TABS:
-        tab.get_by_role("tab", name=name, exact=True).click()
-        tab.wait_for_function("document.querySelectorAll('[role=tab][aria-selected=true]').length === 1")
-        count, faint = tab.evaluate(FAINT, CONTRAST_MIN)
-        assert count > 25 and not faint, f"{name}: {faint}"
-        assert tab.evaluate(CUT) == [], name
-
-
 def test_model_is_visible_between_tools_and_panel_in_all_window_sizes(tab: Any) -> None:
     for width, height in WIDTHS.items():
         tab.set_viewport_size({"width": width, "height": height})
@@ -137,26 +95,6 @@ def test_nothing_serious_hinders_who_cannot_see_or_point(tab: Any) -> None:
             tab.wait_for_function("document.getAnimations().length === 0")
             assert tab.evaluate(AXE_RUN) == [], f"{name} at {width}"
             assert tab.evaluate(UNTIPPED) == [], f"{name} at {width}"
+            assert tab.evaluate(CUT) == [], f"{name} at {width}"
     tab.keyboard.press("?")
     assert tab.evaluate(AXE_RUN.replace("document", "'#hs-keys'")) == []
-
-
-def test_tool_settings_stay_visible_while_the_swatches_scroll(tab: Any) -> None:
-    tab.get_by_role("tab", name="Paint", exact=True).click()
-    size = tab.get_by_role("slider", name="Size [mm]")
-    size.wait_for()
-    tab.get_by_text("leather").first.hover()
-    tab.mouse.wheel(0, 5000)
-    until(lambda: not tab.get_by_role("textbox", name="Search").evaluate("n => n.getBoundingClientRect().top > 60"))
-    assert 60 < size.evaluate("n => n.getBoundingClientRect().top") < 300
-    assert size.evaluate(
-        "n => { const b = n.getBoundingClientRect(); return n.contains(document.elementFromPoint(b.x + 2, b.y + 2)); }"
-    )
-
-
-def test_unsaved_state_is_marked(tab: Any, page: Page) -> None:
-    save = tab.locator("#hs-bar button", has_text="Save")
-    assert page.context.session.dirty and tab.inner_text("#hs-saved") == "Unsaved"
-    assert save.evaluate("n => n.classList.contains('due') && !n.hasAttribute('aria-pressed')")
-    marked = save.evaluate("n => getComputedStyle(n, '::before').content + getComputedStyle(n).backgroundColor")
-    assert marked == '"●"rgba(0, 0, 0, 0)'

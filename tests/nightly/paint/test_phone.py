@@ -1,6 +1,5 @@
 """The page on a phone: swatches above the fold, words for fingers, one finger paints, busy states, own theme."""
 
-import threading
 from typing import Any
 
 import numpy as np
@@ -64,15 +63,6 @@ def test_a_finger_paints_with_draw_on_and_a_second_one_cancels(window: Window, p
         assert len(page.context.session.history.done) == done
     finally:
         window.tab = desktop
-
-
-def test_what_takes_long_is_shown_with_its_reason(window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, session = threading.Event(), window.page.context.session
-    monkeypatch.setattr(type(session), "undo", lambda self: seen.wait(60.0) and None)
-    window.ask("window.hapscene.send({ do: 'undo' })")
-    window.wait("document.querySelector('#hs-say').textContent === 'Undoing …'")
-    seen.set()
-    window.wait("document.querySelector('#hs-say').textContent === 'Nothing to undo.'")
 
 
 def test_two_browsers_have_their_own_theme(window: Window, phone: Any) -> None:

@@ -128,10 +128,3 @@ def test_jitter_buffer_covers_all_delays_of_a_minute_except_the_longest(tab: Any
     assert 0.12 < target_s([(50.0, 0.12), (55.0, 0.3)], 70.0) < 0.16
     assert target_s([(5.0, 0.12), (8.0, 0.3)], 80.0) < 0.05  # delays of more than a minute ago do not count
     assert target_s([(t, 2.0) for t in range(10, 40, 5)], 45.0) < 0.6  # the buffer is limited
-
-
-def test_output_fades_when_the_buffer_is_empty(tab: Any) -> None:
-    played, _ = render(tab, np.ones(round(0.1 * RATE_HZ)), 0.4)
-    end = int(np.flatnonzero(played > 0.99)[-1])
-    assert np.abs(np.diff(played[end:])).max() < 0.02
-    assert np.abs(played[-100:]).max() < 1e-3

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -113,20 +112,6 @@ def test_press_sets_position_and_depth(live: Live, tab: Page) -> None:
         until(lambda: not servo.state().touching)
 
 
-def test_a_stroke_from_beside_the_bodies_touches(live: Live, tab: Page) -> None:
-    servo = live[1]
-    x, y = pixel(tab, 0.07, 0.0)
-    top = tab.locator("#pad").bounding_box()["y"]  # type: ignore[index]
-    tab.mouse.move(x, top + 3)
-    tab.mouse.down()
-    tab.wait_for_timeout(100)
-    assert not servo.state().touching
-    for share in np.linspace(0.0, 1.0, 20):
-        tab.mouse.move(x, top + 3 + share * (y - top - 3))
-    assert settled(servo).p_WT_m[:2] == pytest.approx([0.07, 0.0], abs=2e-3)
-    tab.mouse.up()
-
-
 def test_a_turned_and_zoomed_view_is_touched_where_it_is_pressed(live: Live, tab: Page) -> None:
     servo = live[1]
     before = tab.evaluate("[hapscene.camera.yaw, hapscene.camera.pitch]")
@@ -172,19 +157,6 @@ def test_two_fingers_turn_the_view_and_lift_the_tool(live: Live, tab: Page) -> N
     cdp.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
-def test_a_body_fills_the_view(live: Live, tab: Page) -> None:
-    scale = "hapscene.project([0, 0, 0]).scale"
-    whole = tab.evaluate(scale)
-    tab.locator("#view").select_option(label="ball")
-    assert tab.evaluate(scale) > 1.5 * whole
-    place = (0.01, -0.012, 0.0256)
-    tab.mouse.move(*pixel(tab, *place))
-    tab.mouse.down()
-    assert settled(live[1]).p_WT_m == pytest.approx(np.array(place) - 1.2e-3 * normal_of(place), abs=6e-4)
-    tab.mouse.up()
-    assert tab.locator("#legend li").all_inner_texts() == ["wood", "paper"]
-
-
 def test_force_increases_with_pen_pressure(live: Live, tab: Page) -> None:
     servo, cdp = live[1], tab.context.new_cdp_session(tab)
     x, y = pixel(tab, 0.07, 0.03)
@@ -226,63 +198,6 @@ def test_escape_lifts_space_pauses_and_a_closed_page_lifts(live: Live, browser: 
     settled(servo)
     other.close()
     until(lambda: not servo.state().touching)
-
-
-def test_page_reports_a_lost_connection_and_reconnects(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    back, felt = Event(), live[0]._felt
-    expect(tab.locator("#said")).to_have_text("")
-    monkeypatch.setattr(live[0], "_felt", lambda servo, since: felt(servo, since) if back.wait(120.0) else None)
-    expect(tab.locator("#said")).to_contain_text("Connection lost", timeout=120_000)
-    back.set()
-    expect(tab.locator("#said")).to_have_text("", timeout=120_000)
-
-
-def test_kiosk_mode_resets_after_a_visitor(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    page, servo = live
-    x, y = pixel(tab, -0.08, 0.03)
-    tab.mouse.move(x, y)
-    tab.mouse.down()
-    for k in range(30):
-        tab.mouse.move(x + 2 * k, y)
-    moved = "Math.max(...hapscene.traces.a.values) > 0.1 && Math.max(...hapscene.traces.v.values) > 1"
-    until(lambda: tab.evaluate(moved))
-    expect(tab.locator("#swatch")).to_have_text("wood")
-    tab.mouse.up()
-    friction = tab.locator("[data-effect=friction]")
-    friction.click()
-    expect(friction).to_have_attribute("aria-pressed", "false")
-    tab.locator("#depth").fill("2.5")
-    resets = page.state()["resets"]
-    monkeypatch.setattr(page, "_kiosk_s", 0.5)
-    expect(friction).to_have_attribute("aria-pressed", "true", timeout=120_000)
-    expect(tab.locator("#depth")).to_have_value("1.2")
-    assert tab.evaluate("Math.max(...hapscene.traces.f.values, 0)") == 0
-    tab.locator("#depth").fill("2.5")  # nothing else
-    until(lambda: page.state()["resets"] == resets + 2)
-    expect(tab.locator("#depth")).to_have_value("1.2")
-    assert servo.state().age_s < 1.0
-
-
-def test_on_a_phone_a_body_fills_the_view_and_what_is_pressed_is_large_enough(live: Live, browser: Browser) -> None:
-    tab = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
-    tab.goto(live[0].url)
-    until(lambda: is_ready(tab))
-    for one in tab.locator("button, input").all():
-        assert (one.bounding_box() or {})["height"] >= 44
-    assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert tab.evaluate("document.documentElement.scrollHeight <= innerHeight")
-    width = tab.locator("#pad").bounding_box()["width"]  # type: ignore[index]
-    name = tab.locator("#view option:checked").inner_text()
-    left, right = (-0.1, 0.1) if name == "plate" else (-0.03, 0.03)
-    seen = [pixel(tab, x_m, y_m, 0.0) for x_m in (left, right) for y_m in (-0.06, 0.06)]
-    assert max(np.ptp(seen, axis=0)) > 0.8 * width
-    cdp = tab.context.new_cdp_session(tab)
-    pad = tab.locator("#pad").bounding_box() or {}
-    point = {"x": pad["x"] + pad["width"] / 2, "y": pad["y"] + pad["height"] / 2}
-    cdp.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [point]})
-    assert np.abs(settled(live[1]).p_WT_m[:2]).max() < 0.1
-    tab.close()
-    until(lambda: not live[1].state().touching)
 
 
 def test_from_pointer_to_touch_is_a_matter_of_milliseconds(live: Live, tab: Page) -> None:

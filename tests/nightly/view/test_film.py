@@ -13,7 +13,7 @@ from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.view.palette import LIGHT, PATH, rgb
+from hapscene.view.palette import LIGHT
 from hapscene.view.picture import _compose, write_picture
 
 SMALL = {"size": (320, 240), "seconds": 0.48}
@@ -50,13 +50,6 @@ def test_gif(tmp_path: Path, scene: Scene) -> None:
     assert all(np.array_equal(frames[0][-30:], frame[-30:]) for frame in frames)  # the legend stands still
 
 
-def test_gif_keeps_the_colour_of_the_path(tmp_path: Path, scene: Scene, recording: Recording) -> None:
-    write(scene, recording, tmp_path / "a.gif", **SMALL)
-    with Image.open(tmp_path / "a.gif") as image:
-        palette = np.reshape(image.getpalette(), (-1, 3))
-    assert np.abs(palette - 255 * rgb(PATH)).max(axis=1).min() < 6
-
-
 def test_mp4(tmp_path: Path, scene: Scene, recording: Recording) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not installed")
     write(scene, recording, tmp_path / "a.mp4", **SMALL | {"seconds": 0.5})
@@ -77,14 +70,4 @@ def test_mp4_without_encoder_raises(tmp_path: Path, scene: Scene, monkeypatch: p
     monkeypatch.setattr("hapscene.view.picture.find_spec", lambda name: None)
     with pytest.raises(ViewError, match="video"):
         write_picture(scene, None, tmp_path / "a.mp4", **SMALL)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_interrupt_leaves_no_files(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(drawing: object) -> object:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("hapscene.view.picture.draw", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_picture(scene, None, tmp_path / "a.gif", **SMALL)
     assert list(tmp_path.iterdir()) == []

@@ -1,21 +1,19 @@
 """Rendering without a screen."""
 
-import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from hapscene.errors import ViewError
 from hapscene.view import offscreen
-from hapscene.view.offscreen import draw, platforms, started_ahead
+from hapscene.view.offscreen import draw, started_ahead
 from hapscene.view.triangles import Drawing, Frame, fit_cameras, lathe, orbit
 
 
@@ -38,28 +36,6 @@ def test_batches(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     assert whole[0][0, 0].tolist() == [0x10, 0x20, 0x30]
     assert (whole[0][..., 1] > 100).mean() > 0.1
     assert np.array_equal(whole[0], whole[2]) and not np.array_equal(whole[0], whole[1])  # of two processes
-
-
-def test_process_started_ahead(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[object] = []
-    start = subprocess.Popen
-
-    def counted(*arguments: Any, **more: Any) -> object:
-        started.append(arguments)
-        return start(*arguments, **more)
-
-    monkeypatch.setattr(offscreen.subprocess, "Popen", counted)
-    try:
-        (expected,) = draw(replace(drawing, frames=drawing.frames[:1]))
-    except ViewError as error:
-        pytest.skip(str(error))
-    with started_ahead():
-        assert len(started) == 2
-        (ahead,) = draw(replace(drawing, frames=drawing.frames[:1]))
-        assert len(started) == 2
-        (after,) = draw(replace(drawing, frames=drawing.frames[:1]))
-        assert len(started) == 3
-    assert np.array_equal(ahead, expected) and np.array_equal(after, expected)
 
 
 def test_working_folder_is_not_imported(drawing: Drawing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,58 +61,6 @@ def test_missing_libraries_raise(drawing: Drawing, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
     with started_ahead() if ahead else nullcontext(), pytest.raises(ViewError, match="libosmesa6"):
         list(draw(drawing))
-
-
-def test_crash_after_the_first_frame_raises(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
-    def one_frame(platform: str, job: Drawing) -> Iterator[np.ndarray]:
-        yield np.zeros((60, 80, 3), np.uint8)
-        raise offscreen._DrawingFailed("ended with code -11")
-
-    monkeypatch.setattr(offscreen, "_draw_batch", one_frame)
-    with pytest.raises(ViewError, match="-11"):
-        list(draw(drawing))
-
-
-def test_timeout_raises(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(offscreen, "TIMEOUT_S", 0.05)
-    monkeypatch.setattr(offscreen, "platforms", lambda: ["osmesa"])
-    with pytest.raises(ViewError):
-        list(draw(drawing))
-
-
-def test_platforms(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)
-    monkeypatch.setattr(offscreen, "_has_gpu", lambda: False)
-    assert platforms() == ["osmesa", "egl"]
-    monkeypatch.setattr(offscreen, "_has_gpu", lambda: True)
-    assert platforms() == ["egl", "osmesa"]
-    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
-    assert platforms() == ["osmesa", "egl"]
-
-
-ALONE = """
-import ctypes, sys
-load = ctypes.CDLL.__init__
-def refuse(self, name, *rest, **more):
-    if name and any(lib in str(name) for lib in ("libGL.", "libGLX", "libEGL", "libX11")):
-        raise OSError(f"{name}: not installed")
-    load(self, name, *rest, **more)
-ctypes.CDLL.__init__ = refuse
-import pickle
-from hapscene.view.gl import render
-print(sum(frame.std() > 10 for frame in render(pickle.load(sys.stdin.buffer))), "pyglet" in sys.modules)
-"""
-
-
-def test_osmesa_needs_no_other_library(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
-    from ctypes.util import find_library
-
-    if find_library("OSMesa") is None:
-        pytest.skip("libosmesa6 is not installed")
-    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
-    command = [sys.executable, "-c", ALONE]
-    done = subprocess.run(command, input=pickle.dumps(drawing), capture_output=True, timeout=120.0)
-    assert done.stdout.split() == [b"3", b"False"], done.stderr[-500:]
 
 
 APPLICATION = """

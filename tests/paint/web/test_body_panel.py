@@ -66,16 +66,10 @@ def test_buttons_and_fields_do_what_they_say(page: Page, tab: Tab) -> None:
     ("what", "body", "value", "said"),
     [
         ("position x", "ball", "1e999", "is not a number"),
-        ("position x", "ball", "1_0", "is not a number"),
-        ("position x", "ball", "", "is not a number"),
         ("position x", "bal", "1", "no body 'bal'"),
         ("scale", "ball", "0", "invalid scale"),
-        ("size z", "ball", "-3", "invalid scale"),
-        ("scale", "ball", "1e8", "invalid scale"),
         ("parent", "ball", "ball", "cannot be attached"),
-        ("parent", "ball", "x", "no body 'x'"),
         ("name", "ball", "plate", "already has a body"),
-        ("name", "ball", "", "printable"),
         ("copy", "", "", "no body ''"),
     ],
 )

@@ -1,6 +1,5 @@
 """The tab of the file: what would lose somebody's work is asked, and done as it was asked."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,22 +15,6 @@ from ..conftest import make_scene
 from ..tab import Tab
 
 pytestmark = pytest.mark.nightly
-
-
-@pytest.fixture
-def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
-    """A page of a mesh, ball.obj, whose scene file is called as it is."""
-    monkeypatch.chdir(tmp_path)
-    make_scene(tmp_path).save("ball.scene.json")
-    with Page(Session.open(Path("ball.scene.json")), port=0, with_hand=False) as made:
-        yield made
-
-
-@pytest.fixture
-def tab(page: Page) -> Iterator[Tab]:
-    opened = Tab(page)
-    yield opened
-    opened.close()
 
 
 def said(tab: Tab, text: str) -> None:

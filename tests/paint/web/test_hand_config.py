@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.cli.touch import HandOptions
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
@@ -32,17 +31,6 @@ def test_every_device_that_moves_and_every_compensator_can_be_held() -> None:
 def test_unsupported_device_is_refused(given: dict[str, Any], said: str) -> None:
     with pytest.raises(HapsceneError, match=said):
         HandConfig(**given)
-
-
-def test_painter_and_touch_command_have_the_same_defaults() -> None:
-    options = HandOptions()
-    assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
-
-
-def test_str_names_device_grip_and_handle() -> None:
-    assert str(HandConfig()) == "omni, light grip, adaptive handle"
-    assert str(HandConfig("premium-1.5", "firm", NO_HANDLE)) == "premium-1.5, firm grip, no handle"
-    assert HandConfig("omni-point").limits == "omni"
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.3)])

@@ -10,11 +10,11 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from hapscene.errors import ViewError
-from hapscene.paint.web.server import LOOPBACK, POLICY, SOCKET_PATH, PageServer, host_names
+from hapscene.paint.web.server import LOOPBACK, SOCKET_PATH, PageServer, host_names
 from hapscene.web.listener import refusal_reason
 
 
@@ -50,11 +50,6 @@ def test_address_of_another_machine_is_refused_at_once(host: str) -> None:
     """viser would try a thousand ports, and then wait for ever."""
     with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
         pool.submit(PageServer, host, 0).result(timeout=60)
-
-
-def test_security_policy_allows_only_the_server_of_the_page() -> None:
-    allowed = next(part for part in POLICY.split("; ") if part.startswith("connect-src"))
-    assert set(allowed.split()[1:]) == {"'self'", "data:", "blob:"}
 
 
 @pytest.fixture(scope="module")
@@ -103,12 +98,6 @@ def test_without_the_token_there_is_no_page(server: Any, path: str) -> None:
     assert status == 403 and len(content) < 500 and b"/hapscene.js" not in content
 
 
-@pytest.mark.parametrize("path", ["/{}/", "/hapscene.js"])
-def test_another_host_name_gets_nothing_at_all(server: Any, token: str, path: str) -> None:
-    status, content, _ = ask(server, path.format(token), host="rebound.example")
-    assert status == 403 and len(content) < 100
-
-
 @pytest.mark.parametrize("path", ["/{}", "/{}" + SOCKET_PATH])
 @pytest.mark.parametrize("origin", [None, "http://evil.example"])
 def test_another_origin_gets_no_socket(server: Any, token: str, path: str, origin: str | None) -> None:
@@ -154,12 +143,3 @@ def test_early_client_gets_the_page_and_waits() -> None:
             made.admit()
             assert early.recv(timeout=120) == "hello"
     made.close()  # once more is nothing
-
-
-def test_waiting_clients_are_released_when_the_server_ends() -> None:
-    with PageServer("127.0.0.1", 0) as made:
-        place = made.url.removeprefix("http://").rstrip("/")
-        host = place.partition("/")[0]
-        early = connect(f"ws://{place}{SOCKET_PATH}", origin=f"http://{host}")  # type: ignore[arg-type]
-    with early, pytest.raises(ConnectionClosed):
-        early.recv(timeout=120)

@@ -7,11 +7,8 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-from scipy.spatial.transform import Rotation
 
 import hapscene
-from hapscene.flags import Flag
-from hapscene.loop import ServoState
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tools import RADIUS_SHARE
@@ -178,45 +175,11 @@ def test_choosing_a_swatch_is_no_step_and_a_stroke_with_it_is_one(page: Page, ta
     assert scene.swatches[-1].name == "leather" and (scene.bodies[0].face_swatch == len(before)).any()
 
 
-def test_a_stroke_with_another_swatch_does_not_take_in_an_added_one(page: Page) -> None:
-    session = page.context.session
-    for name in ("leather", "wood"):
-        session.tuning.add_swatch(name, with_next=True)
-    session.fill_body(0, "leather")
-    assert "fill" in session.undo() and "wood" in session.undo() and "leather" in session.undo()
-
-
 def test_touch_before_the_hand_is_ready_is_reported(page: Page, tab: Tab) -> None:
     tab.send("tool", name="touch")
     tab.point("down", TOP)
     tab.settle()
     assert any("not ready" in said for said in tab.said)
-
-
-@pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
-def test_region_is_displayed_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
-    seen: list[bool] = []
-    node = {"box": tab.tools._marks._box, "sphere": tab.tools._marks._sphere}[tool]
-    tab.send("tool", name=tool)
-    for do in ("hover", "down", "up"):
-        tab.point(do, TOP)
-        tab.settle()
-        seen.append(bool(node.visible))
-    assert seen == [False, True, False] and node.name == mark
-
-
-def test_the_stylus_points_as_in_pictures(page: Page, tab: Tab) -> None:
-    state = ServoState(
-        5, TOP, TOP, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -2.0]), 0.0, 0.0, True, 0, 0, 0, Flag(0)
-    )
-    view = page.context.view
-    view.show_touch(state)
-    tool, arrow = (Rotation.from_quat(mark.wxyz, scalar_first=True) for mark in (view._tool, view._arrow))
-    along = np.array([0.8, 0.4, 1.0])
-    np.testing.assert_allclose(tool.apply((0, 0, 1)), along / np.linalg.norm(along), atol=1e-6)
-    np.testing.assert_allclose(view._tool.position, view.to_view(TOP))
-    np.testing.assert_allclose(arrow.apply((0, 0, 1)), (0, 0, -1), atol=1e-6)
-    assert view._tool.vertices[:, 2].min() == 0.0 and tab.nodes["/mark/tool"]  # the tip is the origin
 
 
 def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:

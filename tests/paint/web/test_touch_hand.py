@@ -168,14 +168,6 @@ def test_last_selected_device_is_opened_with_the_latest_painting() -> None:
     run(act)
 
 
-def test_error_of_the_servo_is_reported() -> None:
-    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
-        assert touch.status == "failed" and "no arm" in said[0]
-        assert not touch.press(PLACE, UP, 1.0, 500.0)
-
-    run(act, refuse="no arm")
-
-
 def test_refused_order_does_not_block_later_orders() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.tune("gone", {"stiffness_N_m": 1.0})
@@ -197,15 +189,6 @@ def test_after_a_start_that_the_system_refused_another_is_tried(monkeypatch: pyt
         assert touch.status == "failed" and "No space left" in said[-1]
         await touch.open(Scene())
         assert touch.status == "ready" and touch.press(PLACE, UP, 1.0, 500.0)
-
-    run(act)
-
-
-def test_a_process_that_died_is_noticed_once() -> None:
-    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
-        made[0].alive = False
-        assert not touch.press(PLACE, UP, 1.0, 500.0) and not touch.press(PLACE, UP, 1.0, 500.0)
-        assert touch.status == "failed" and len(said) == 1
 
     run(act)
 
@@ -329,27 +312,6 @@ def test_press_reaches_the_surface_without_a_force_peak(grip: str, force_N: floa
             touch.close()
 
     assert force_N / 2 < asyncio.run(land()).max() < peak_N
-
-
-def test_without_a_handle_the_commanded_acceleration_is_played() -> None:
-    felt, said = asyncio.run(feel(HandConfig("omni-point", "medium", NO_HANDLE), 1.0))
-    assert not said and felt.a_m_s2.std() > 0.05
-    assert np.array_equal(felt.a_handle_m_s2, felt.a_m_s2)
-
-
-def test_stages_of_the_start_are_stored_with_the_time_so_far() -> None:
-    stages: list[str] = []
-
-    def make(scene: Scene, hold: HandConfig, progress: Callable[[str], None]) -> Notes:
-        for text in ("a new process … ", "1 s … ", "2 s … ", "compiling … "):
-            progress(text)
-            stages.append(touch.stage)
-        return Notes(hold)
-
-    touch = TouchHand(lambda text, kind: None, HandConfig(), make)
-    asyncio.run(touch.open(Scene()))
-    touch.close()
-    assert stages == ["a new process", "a new process (1 s)", "a new process (2 s)", "compiling"]
 
 
 def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
