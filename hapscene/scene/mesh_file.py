@@ -315,7 +315,7 @@ def _suffix(name: str) -> str:
     return PurePosixPath(name).suffix.lower().lstrip(".")
 
 
-def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[list[Part], str | None]:
+def _read(path: Path, suffix: str, content: bytes, resolver: FolderResources) -> tuple[list[Part], str | None]:
     """Return the parts of a mesh file, and its unit if it has one."""
     if suffix == "obj":
         return [read_obj(content, str(path), resolver)], None
