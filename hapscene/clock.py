@@ -25,9 +25,6 @@ VIRTUAL: Final = 3
 LOOK_NS: Final = 1_000
 """Increment of a virtual clock with each reading [ns], so that a loop that polls it ends."""
 
-_system_now_ns: Any
-_system_sleep_ns: Any
-
 
 def now_here_ns() -> int:
     """Time of the same clock, read from Python [ns]; comparable between processes."""

@@ -21,7 +21,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from hapscene import __version__
 from hapscene.errors import HapsceneError
@@ -47,7 +47,7 @@ class Task:
     """
 
     key: str
-    function: Callable[..., Any]
+    function: Callable[..., Json]
     arguments: Mapping[str, Json]
     alone: bool = False
 
@@ -157,7 +157,7 @@ def _call(task: Task) -> tuple[Task, Json]:
         return task, TaskError(f"{type(error).__name__}: {error}")
 
 
-def _parallel(tasks: Iterable[Task], **backend: Any) -> Iterator[tuple[Task, Json]]:
+def _parallel(tasks: Iterable[Task], **backend: object) -> Iterator[tuple[Task, Json]]:
     """Results of tasks by joblib, in the order in which they are done."""
     import joblib
 
@@ -216,7 +216,7 @@ def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[Task, J
         HapsceneError: the package distributed is missing; the scheduler or its workers do not answer.
     """
     try:
-        distributed: Any = importlib.import_module("distributed")
+        distributed = importlib.import_module("distributed")
     except ImportError:
         raise HapsceneError(
             "a cluster needs the package distributed, which is not installed: pip install 'hapscene[cluster]'"

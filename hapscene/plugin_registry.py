@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from hapscene.errors import HapsceneError, no_such
 
@@ -94,14 +94,14 @@ class PluginRegistry(Generic[T]):
         (point,) = points
         origin = f"{self.noun} {name!r} of {_described(point)}"
         try:
-            plugin: Any = point.load()
+            plugin = point.load()
         except Exception as reason:  # the import of a plugin may raise any error
             raise self.error(f"{origin} cannot be imported: {type(reason).__name__}: {reason}") from reason
         if not isinstance(plugin, self.kind):
             article = "an" if self.kind.__name__[0] in "AEIOU" else "a"
             expected = f"{article} {self.kind.__name__}"
             raise self.error(f"{origin}: expected {expected}, found {type(plugin).__name__}")
-        called: Any = vars(plugin)["name"]
+        called = vars(plugin)["name"]
         if called != name:
             raise self.error(
                 f"{origin} has the name {called!r}: entry point and {self.kind.__name__} must have the same name"

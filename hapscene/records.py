@@ -118,7 +118,7 @@ ROW: Final = np.dtype(
 """Recorded data of a tick, with the names of `Recording`."""
 
 
-def records(count: int, dtype: np.dtype[Any]) -> Records:
+def records(count: int, dtype: np.dtype[np.void]) -> Records:
     """Zeroed records with fields as attributes, for compiled and interpreted code."""
     return np.zeros(count, dtype).view(np.recarray)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, SCENE_SUFFIXES, TICK_S
 from hapscene.errors import SceneError, ViewError
 from hapscene.flags import Flag
-from hapscene.io.files import whole_folder
+from hapscene.io.files import Json, whole_folder
 from hapscene.render.recording import Recording
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ SUMMARY_VERSION: Final = 1
 _PACKAGES: Final = ("hapscene", "embreex", "numba", "numpy", "scipy", "trimesh", "matplotlib", "pyrender2")
 
 
-def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
+def summarise(recording: Recording, title: str, **more: Json) -> dict[str, Json]:
     """The content of summary.json: duration, contact, timing, flags and versions."""
     touching = recording.touching
     body, swatch = (recording.body, recording.body_names), (recording.swatch, recording.swatch_names)
@@ -88,7 +88,7 @@ def write_touch(
     say: Callable[[str], None],
     a_handle_m_s2: NDArray[np.float64] | None = None,
     dark: bool = False,
-    **more: Any,
+    **more: Json,
 ) -> dict[str, str]:
     """Write the files `MADE` to a folder; returns the missing files and the reasons.
 
@@ -308,7 +308,7 @@ def touch_by_hand(
     say: Callable[[str], None] = lambda text: None,
     caution: Callable[[str], None] | None = None,
     bridge: "MuJoCo | None" = None,
-    **more: Any,
+    **more: Json,
 ) -> list[Path]:
     """Touch a scene in closed loop with a simulated hand and device; write the files `MADE_BY_HAND`, or nothing.
 

@@ -12,13 +12,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from hapscene.capture.fit.swatch import QUALITY, FitOptions, fit_swatch
 from hapscene.capture.fit.verdict import verdict
 from hapscene.capture.io.recording import InterpolatedWarning, load_recording
 from hapscene.errors import CaptureError
-from hapscene.io.files import refusing
+from hapscene.io.files import Json, refusing
 from hapscene.parallel import Journal, Task, TaskError, iterate_results
 from hapscene.surface.swatch_file import save_swatch
 
@@ -95,7 +95,7 @@ def swatch_names(items: Sequence[Item]) -> list[str]:
 def fit_batch(
     items: Sequence[Item],
     out: str | os.PathLike[str],
-    reading: Mapping[str, Any] | None = None,
+    reading: Mapping[str, Json] | None = None,
     options: FitOptions | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
@@ -148,7 +148,7 @@ def fit_batch(
     return result
 
 
-def _task(item: Item, output: Path, reading: Mapping[str, Any], options: FitOptions) -> Task:
+def _task(item: Item, output: Path, reading: Mapping[str, Json], options: FitOptions) -> Task:
     """The task that fits one recording; its digest covers size and modification time of the file."""
     path = item.path.absolute()
     try:
@@ -163,7 +163,7 @@ def _task(item: Item, output: Path, reading: Mapping[str, Any], options: FitOpti
 
 
 def fit_file(
-    path: str, output: str, reading: Mapping[str, Any], options: Mapping[str, Any], state: Sequence[int]
+    path: str, output: str, reading: Mapping[str, Json], options: Mapping[str, Json], state: Sequence[int]
 ) -> list[str]:
     """Fits a swatch to the recording at `path`, writes it, and returns notes on the recording.
 

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from hapscene import __version__
 from hapscene.cli.console import print_error, print_note, ready_streams
@@ -164,6 +164,6 @@ def _sentence(error: BaseException) -> str:
     return str(error)
 
 
-def _show_warning(message: Warning | str, category: object, *place: Any, **more: Any) -> None:
+def _show_warning(message: Warning | str, category: object, *place: object, **more: object) -> None:
     """Print a warning as one line, without its position in the code."""
     print_note(str(message))

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -185,7 +185,7 @@ PROGRESS_S: Final = 5.0
 """Interval between lines of progress [s]."""
 
 
-def _progress(total: int) -> Any:
+def _progress(total: int) -> "Callable[[BatchResult], None]":
     """Return a function that prints the progress of a batch every `PROGRESS_S`."""
     start_s = shown_s = time.monotonic()
 

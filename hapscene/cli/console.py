@@ -111,7 +111,7 @@ def ready_streams() -> None:
         except OSError:  # closed: open() takes the lowest free number, which is this one
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     for name, place in (("stdout", "standard output"), ("stderr", None)):
-        stream: Any = getattr(sys, name)
+        stream = getattr(sys, name)
         if stream is None:
             stream = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - open until the process ends
         if hasattr(stream, "reconfigure"):

@@ -63,10 +63,10 @@ def Help(text: str) -> Parameter:
     return Parameter(help=text)
 
 
-def comma_separated(kind: Callable[[str], Any]) -> Callable[[Any, Sequence["Token"]], tuple[Any, ...]]:
+def comma_separated(kind: Callable[[str], object]) -> Callable[[object, Sequence["Token"]], tuple[object, ...]]:
     """Return a converter of text such as "1000,5000" to distinct values of type `kind`."""
 
-    def values(type_: object, tokens: Sequence["Token"]) -> tuple[Any, ...]:
+    def values(type_: object, tokens: Sequence["Token"]) -> tuple[object, ...]:
         parts = [part.strip() for part in tokens[0].value.split(",")]
         if not all(parts):
             raise ValueError(f"expected values separated by commas, got {tokens[0].value!r}")
@@ -102,7 +102,7 @@ Pairs = Annotated[
 def _check(check: Callable[[str | Path], None]) -> Parameter:
     """Return a parameter that checks each path of an option before the command runs."""
 
-    def each(type_: Any, value: Any) -> None:
+    def each(type_: object, value: Any) -> None:
         for path in value if isinstance(value, (list, tuple)) else [value]:
             if path is not None:
                 check(path)

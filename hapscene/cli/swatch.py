@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace as changed
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
@@ -16,6 +16,7 @@ from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.capture.report.compare import Comparison, Difference
+    from hapscene.swatches.library import LibraryEntry
 
 __all__ = ["app"]
 
@@ -60,7 +61,7 @@ def list_swatches(
     return 0
 
 
-def _print_entries(groups: Mapping[str, Sequence[Any]]) -> None:
+def _print_entries(groups: Mapping[str, Sequence["LibraryEntry"]]) -> None:
     """Print one line for each swatch with its source."""
     from hapscene.surface.swatch import touched_with
 

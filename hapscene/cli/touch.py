@@ -38,11 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["demo", "touch"]
 
 
-def demo(
-    *,
-    out: OutFolder = Path("out/demo"),
-    dark: Dark = False,
-) -> None:
+def demo(*, out: OutFolder = Path("out/demo"), dark: Dark = False) -> None:
     """Simulate a hand that taps, presses and strokes the demo scene; write forces, plots and audio.
 
     The scene has three bodies with four surfaces whose textures were fitted to
@@ -92,9 +88,9 @@ class HandOptions:
             raise PathError("--device ideal has no mass to simulate; choose omni, phantom-1.0 or premium-1.5")
 
 
-def _parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+def _parse_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
     """Parse settings such as "weight.mass_kg=0.2" and "guide.points_m=[[0, 0, 0.1]]" into values by effect and name."""
-    settings: dict[str, dict[str, Any]] = {}
+    settings: dict[str, dict[str, object]] = {}
     for text in texts:
         where, _, value = text.partition("=")
         effect, _, name = where.strip().partition(".")

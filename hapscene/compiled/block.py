@@ -7,6 +7,7 @@ Compiled code loads an array where it uses it. The words never change, so the co
 # mypy: allow-untyped-calls
 
 import hashlib
+from collections.abc import Iterable
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -25,20 +26,18 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
+from numpy.typing import NDArray
 
 from hapscene.errors import HapsceneError
 
 __all__ = ["by_pointer"]
 
-_Type: Any = types.Type
-_Template: Any = AttributeTemplate
-_typeof: Any = typeof
 _I64: Final = ir.IntType(64)
 
 Tuple = TypeVar("Tuple", bound=type)
 
 
-class BlockType(_Type):  # type: ignore[misc]
+class BlockType(types.Type):
     """Type of such a tuple in compiled code; `fields` is numba's type of the plain tuple."""
 
     def __init__(self, fields: types.NamedTuple) -> None:
@@ -59,10 +58,10 @@ class _Model(models.PrimitiveModel):
 
 
 @infer_getattr
-class _Attributes(_Template):  # type: ignore[misc]
+class _Attributes(AttributeTemplate):
     key = BlockType
 
-    def generic_resolve(self, kind: BlockType, name: str) -> types.Array | None:
+    def generic_resolve(self, kind: BlockType, name: str) -> types.Array | None:  # type: ignore[override]
         return kind.place_of(name)[0] if name in kind.fields.fields else None
 
 
@@ -104,7 +103,7 @@ def _unbox(kind: BlockType, instance: ir.Value, c: UnboxContext) -> NativeValue:
 class _Block:
     """Mixin of named tuples of arrays that are passed by one pointer."""
 
-    _words: Any
+    _words: NDArray[np.int64]
     address: int
 
     def __getattr__(self, name: str) -> int:
@@ -124,8 +123,8 @@ def by_pointer(kind: Tuple) -> Tuple:
     made.__qualname__ = kind.__qualname__
 
     @typeof_impl.register(made)
-    def _(value: Any, context: object) -> BlockType:
-        fields = tuple(map(_typeof, value))
+    def _(value: Iterable[object], context: object) -> BlockType:
+        fields = tuple(map(typeof, value))
         if not all(isinstance(field, types.Array) for field in fields):
             raise HapsceneError(f"{kind.__name__}: every field must be an array to be passed by pointer")
         return BlockType(types.NamedTuple(fields, made))

@@ -27,8 +27,7 @@ from hapscene.compiled.native import INTERPRETED, CFunction, native
 
 __all__ = ["BoundCall", "loaded"]
 
-_intrinsic: Any = intrinsic  # typed as Any, because the stubs of numba reject these uses
-_typeof: Any = typeof
+_intrinsic: Any = intrinsic  # of functions that Python calls
 
 ALIGNED: Final = 64
 """Alignment of the argument [bytes]."""
@@ -42,14 +41,14 @@ class BoundCall:
         context: argument of the C function.
     """
 
-    def __init__(self, function: Callable[[Any, Any], None], argument: tuple[object, ...]) -> None:
+    def __init__(self, function: Callable[..., None], argument: tuple[object, ...]) -> None:
         """Bind an argument to `function(address, kind)`, a Python function that gets it with `loaded`."""
         self._argument = argument
         if INTERPRETED:
             self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(argument, None))
             self.address, self.context = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0), 0
         else:
-            kind = _typeof(argument)
+            kind = typeof(argument)
             self._function = _compiled(function, kind)
             self.address = self._function.address
             self._memory: NDArray[np.uint8] = np.zeros(_size(kind) + ALIGNED, np.uint8)
@@ -70,7 +69,7 @@ if INTERPRETED:
 
 else:
 
-    @_intrinsic
+    @intrinsic
     def loaded(typing: Context, address: types.Type, kind: types.TypeRef) -> tuple[Signature, Generate]:
         """Return the bound argument of a `BoundCall`."""
         value = kind.instance_type
@@ -97,7 +96,7 @@ def _store(address: int, value: object) -> None:
 
 
 @cache
-def _compiled(function: Callable[[Any, Any], None], kind: types.Type) -> CFunction:
+def _compiled(function: Callable[..., None], kind: types.Type) -> CFunction:
     """Compile the function for an argument type."""
     # a type has no size, so the caller of the C function omits it
     return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)
@@ -105,5 +104,5 @@ def _compiled(function: Callable[[Any, Any], None], kind: types.Type) -> CFuncti
 
 def _size(kind: types.Type) -> int:
     """Return the memory that an argument of a type needs [bytes]."""
-    context: Any = cpu_target.target_context
+    context = cpu_target.target_context
     return int(context.get_abi_sizeof(context.get_value_type(kind)))

@@ -55,12 +55,11 @@ _BUILD: Final = hashlib.sha256(
     + f"1 {numba.__version__} {llvmlite.__version__} {sys.version_info[:2]} {sys.implementation.cache_tag}".encode()
 ).hexdigest()
 
-_Cache: Any = caching._Cache
 Kinds: TypeAlias = Signature | tuple[Type, ...]
 """The types for which a function is compiled."""
 
 
-class DiskCache(_Cache):  # type: ignore[misc]
+class DiskCache(caching._Cache):
     """Cache that numba uses for one function, with a file for each signature."""
 
     def __init__(self, name: str, digest: str) -> None:

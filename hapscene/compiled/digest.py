@@ -30,11 +30,11 @@ def function_below(value: object) -> types.FunctionType | None:
     return value if isinstance(value, types.FunctionType) else None
 
 
-def digest_of(function: types.FunctionType) -> tuple[str, list[Any]]:
+def digest_of(function: types.FunctionType) -> tuple[str, list[object]]:
     """Return the digest (32 hexadecimal digits) of a function with all its callees, and those that are compiled."""
     digest = hashlib.sha256()
     numbers: dict[int, int] = {id(function): 0}
-    waiting, compiled = [function], []
+    waiting, compiled = [function], list[object]()
     while waiting:
         one = waiting.pop(0)
         digest.update(f"{one.__module__}.{one.__qualname__}{one.__defaults__!r}".encode())
@@ -64,7 +64,7 @@ def _add_code(digest: "hashlib._Hash", code: types.CodeType, doc: str | None) ->
             digest.update(f"{type(constant).__name__}{constant!r},".encode())
 
 
-def _values_of(function: types.FunctionType) -> list[tuple[str, Any]]:
+def _values_of(function: types.FunctionType) -> list[tuple[str, object]]:
     """Return the values of the global and free names of a function, in a fixed order."""
     names: set[str] = set()
     codes = [function.__code__]

@@ -24,11 +24,6 @@ Values: TypeAlias = Sequence[ir.Value]
 Generate: TypeAlias = Callable[[BaseContext, ir.IRBuilder, Signature, Values], ir.Value]
 """The part of an intrinsic that emits its code, from the values of its arguments."""
 
-_typeof: Any = typeof
-_intrinsic: Any = intrinsic
-_tuple: Any = types.Tuple  # numba's stubs type neither
-_unpack: Any = cgutils.unpack_tuple
-
 _compiled: Final[dict[tuple[object, ...], CFunction]] = {}
 _interpreted: Final[list[Callable[..., int]]] = []
 
@@ -56,7 +51,7 @@ def entry_of(function: Callable[..., object], *arguments: object) -> Callable[..
 
 def _entry(function: Callable[..., object], arguments: tuple[object, ...]) -> CFunction:
     """Return the function compiled for the types of the arguments, once per process."""
-    kinds = tuple(map(_typeof, arguments))
+    kinds = tuple(map(typeof, arguments))
     key = (function, *kinds)
     if key not in _compiled:
         _compiled[key] = CFunction(types.int64(*kinds), function)
@@ -71,7 +66,7 @@ if INTERPRETED:
 
 else:
 
-    @_intrinsic
+    @intrinsic
     def call_flags(typing: Context, address: types.Type, arguments: types.Tuple) -> tuple[Signature, Generate]:
         """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
         kinds: tuple[types.Type, ...] = tuple(arguments)
@@ -92,13 +87,13 @@ def c_caller(result: types.Type, *arguments: types.Type) -> Callable[..., Any]:
     their calling conventions differ between systems.
     """
     declared = tuple(arguments)
-    given_type = _tuple(declared)
+    given_type = types.Tuple(declared)
 
     def call(typing: Context, address: types.Type, given: types.Type) -> tuple[Signature, Generate]:
         signature = result(types.uintp, given_type)
 
         def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
-            parts = _unpack(builder, values[1]) if declared else []
+            parts = cgutils.unpack_tuple(builder, values[1]) if declared else []
             function_type = ir.FunctionType(
                 ir.VoidType() if result == types.void else context.get_value_type(result),
                 [context.get_value_type(kind) for kind in declared],
@@ -109,5 +104,4 @@ def c_caller(result: types.Type, *arguments: types.Type) -> Callable[..., Any]:
 
         return signature, generate
 
-    caller: Callable[..., Any] = _intrinsic(call)
-    return caller
+    return intrinsic(call)

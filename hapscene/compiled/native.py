@@ -29,8 +29,6 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 _njit: Any = njit  # numba's stubs type the options by name, not as a dictionary
 _Record: Any = types.Record
-_unliteral: Any = types.unliteral
-_typeof_impl: Any = typeof_impl
 
 # Numba names the code for a record after the order in which the process met its type. In the cache, the codes of two
 # processes could then have one name for two layouts, and a process that loads both would run one on the other's memory.
@@ -57,15 +55,15 @@ class Native:
         compiler = dispatcher._compiler
         compile_core = compiler._compile_core
 
-        def counted(arguments: tuple[types.Type, ...], result: types.Type | None) -> Any:
+        def counted(arguments: tuple[types.Type, ...], result: types.Type | None) -> object:
             compiled = compile_core(arguments, result)
             progress.advance()
             return compiled
 
         template = dispatcher.get_call_template
 
-        def without_constants(arguments: tuple[types.Type, ...], named: dict[str, types.Type]) -> Any:
-            return template(tuple(map(_unliteral, arguments)), named)
+        def without_constants(arguments: tuple[types.Type, ...], named: dict[str, types.Type]) -> object:
+            return template(tuple(map(types.unliteral, arguments)), named)
 
         compiler._compile_core = counted
         # numba would otherwise compile a function for each constant that it is called with
@@ -94,7 +92,7 @@ class Native:
         return self.whole.overloads[signature]
 
 
-@_typeof_impl.register(Native)
+@typeof_impl.register(Native)
 def _type_of_native(value: Native, context: object) -> types.Type:
     return types.Dispatcher(value.part)
 
@@ -159,7 +157,7 @@ def _cached(dispatcher: Any) -> Any:
     disk = cache.DiskCache(dispatcher.py_func.__name__, digest)
     compile_ = dispatcher.compile
 
-    def compile_once(signature: cache.Kinds) -> Any:
+    def compile_once(signature: cache.Kinds) -> object:
         arguments = tuple(signature.args) if hasattr(signature, "args") else tuple(signature)
         if arguments in dispatcher.overloads:
             return dispatcher.overloads[arguments].entry_point

@@ -11,12 +11,15 @@ This is the only module that uses private interfaces of numba, and only of the v
 
 # mypy: allow-untyped-calls
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numba
 from llvmlite.binding import ModuleRef
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import codegen, compiler, typed_passes
+from numba.core import compiler, typed_passes
+from numba.core.codegen import CPUCodeLibrary
+from numba.core.codegen import JITCodeLibrary as Library
 from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
 from numba.core.targetconfig import ConfigStack, TargetConfig
 
@@ -25,10 +28,9 @@ __all__ = ["part_options", "whole_options"]
 TESTED: Final = ((0, 67), (0, 68))
 """Minor versions of numba with which the test suite passes."""
 
-_Library: Any = codegen.JITCodeLibrary
 _NEEDED: Final = (
-    (_Library, ("_linking_libraries", "_get_module_for_linking", "_optimize_final_module", "_finalize_final_module")),
-    (_Library, ("add_llvm_module", "add_ir_module", "get_pointer_to_function", "serialize_using_object_code")),
+    (Library, ("_linking_libraries", "_get_module_for_linking", "_optimize_final_module", "_finalize_final_module")),
+    (Library, ("add_llvm_module", "add_ir_module", "get_pointer_to_function", "serialize_using_object_code")),
     (compiler, ("CompilerBase", "DefaultPassBuilder", "CompileResult")),
     (typed_passes, ("NativeLowering",)),
     (_dynfunc, ("make_function",)),
@@ -39,9 +41,9 @@ _NEEDED: Final = (
 def _is_supported() -> bool:
     """Return whether the installed numba is a tested version and has every private interface that is used here."""
     version = tuple(int(number) for number in numba.__version__.split(".")[:2])
-    library = vars(_Library) | {name: None for base in _Library.__mro__ for name in vars(base)}
+    library = vars(Library) | {name: None for base in Library.__mro__ for name in vars(base)}
     library["_linking_libraries"] = None  # set in its constructor
-    names = {_Library: library}
+    names: dict[object, Mapping[str, object]] = {Library: library}
     has = all(name in names.get(place, vars(place)) for place, wanted in _NEEDED for name in wanted)
     return version in TESTED and has
 
@@ -49,7 +51,7 @@ def _is_supported() -> bool:
 SUPPORTED: Final = _is_supported()
 
 
-class _PartLibrary(_Library):  # type: ignore[misc]
+class _PartLibrary(Library):
     """The unoptimised LLVM module of a part."""
 
     def finalize(self) -> None:
@@ -73,7 +75,7 @@ class _PartLibrary(_Library):  # type: ignore[misc]
         return module
 
 
-class _WholeLibrary(_Library):  # type: ignore[misc]
+class _WholeLibrary(Library):
     """A function with all parts below it, optimised and emitted as one module."""
 
     def finalize(self) -> None:
@@ -91,9 +93,9 @@ class _WholeLibrary(_Library):  # type: ignore[misc]
         passes.run(self._final_module, builder)
 
 
-def _below(library: codegen.CPUCodeLibrary) -> list[codegen.CPUCodeLibrary]:
+def _below(library: CPUCodeLibrary) -> list[CPUCodeLibrary]:
     """Return the libraries that a library links through parts of any depth, each once and in a fixed order."""
-    found: dict[codegen.CPUCodeLibrary, None] = {}
+    found: dict[CPUCodeLibrary, None] = {}
     waiting = list(library._linking_libraries)
     while waiting:
         one = waiting.pop(0)
@@ -104,7 +106,7 @@ def _below(library: codegen.CPUCodeLibrary) -> list[codegen.CPUCodeLibrary]:
     return list(found)
 
 
-def _module_of(library: codegen.CPUCodeLibrary) -> ModuleRef:
+def _module_of(library: CPUCodeLibrary) -> ModuleRef:
     return library.own_module() if isinstance(library, _PartLibrary) else library._get_module_for_linking()
 
 
@@ -155,10 +157,10 @@ class _Whole(compiler.CompilerBase):
         return [compiler.DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
-part_options: dict[str, Any] = {}
+part_options: dict[str, object] = {}
 """Options of `numba.njit` for a function that other compiled code links."""
 
-whole_options: dict[str, Any] = {}
+whole_options: dict[str, object] = {}
 """Options of `numba.njit` for a function that Python calls, with all functions it links."""
 
 if SUPPORTED:

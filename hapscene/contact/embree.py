@@ -60,7 +60,7 @@ def _load() -> ctypes.CDLL:
     library = ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
     llvm.load_library_permanently(str(path))
     pointer, size, number = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint
-    signatures: dict[str, tuple[Any, list[Any]]] = {
+    signatures: dict[str, tuple[type | None, list[type]]] = {
         "rtcNewDevice": (pointer, [ctypes.c_char_p]),
         "rtcGetDeviceError": (ctypes.c_int, [pointer]),
         "rtcNewScene": (pointer, [pointer]),

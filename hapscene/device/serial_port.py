@@ -206,7 +206,7 @@ class SerialPort:
         )
         try:
             exclusive = True if alone and os.name == "posix" else None
-            self._serial: Any = serial.Serial(port, baud, timeout=0.0, write_timeout=WRITE_S, exclusive=exclusive)
+            self._serial = serial.Serial(port, baud, timeout=0.0, write_timeout=WRITE_S, exclusive=exclusive)
         except (OSError, ValueError) as error:
             if getattr(error, "errno", None) == errno.EAGAIN:  # another process holds the lock
                 raise DeviceError(f"{self.name}: in use; close the other program that uses it") from None

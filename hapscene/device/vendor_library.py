@@ -7,7 +7,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from ctypes.util import find_library
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 from hapscene.errors import DeviceError
 
@@ -18,8 +18,8 @@ _loaded: Final = cache(ctypes.CDLL)
 
 
 def load_library(
-    driver: str, path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str
-) -> Any:
+    driver: str, path: str | None, names: Sequence[str], functions: Mapping[str, tuple[type | None, ...]], remedy: str
+) -> ctypes.CDLL:
     """Load the library at `path`, or by default the first of `names` that the system finds.
 
     Args:
@@ -55,6 +55,6 @@ def load_library(
     return library
 
 
-def address_of(function: Any) -> int:
+def address_of(function: "ctypes._FuncPointer") -> int:
     """Address of a function of a library, for calls from compiled code."""
     return int(ctypes.cast(function, ctypes.c_void_p).value or 0)

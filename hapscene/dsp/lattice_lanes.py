@@ -10,7 +10,7 @@ bit."""
 # mypy: allow-untyped-calls
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 from llvmlite import ir
 from numba import types
@@ -23,8 +23,6 @@ from numba.extending import intrinsic
 from hapscene.compiled.entry import Generate, Values
 
 __all__ = ["lanes_of"]
-
-_cgutils: Any = cgutils
 
 LAG: Final = 3
 """Steps between two samples. Two are enough for the data dependency, but each step would then wait for the previous
@@ -74,8 +72,8 @@ def lanes_of(n: int) -> tuple[Callable[..., None], int]:
                 sample = builder.load(at(samples, index(i // LAG)))
                 past[0] = builder.insert_element(past[0], sample, place(n - 1 - i // LAG))
             past = _step(builder, n, past, read(order, i)) if i < apart else past
-        kept = [_cgutils.alloca_once_value(builder, value) for value in past]
-        with _cgutils.for_range(builder, builder.sub(order, index(apart))) as loop:
+        kept = [cgutils.alloca_once_value(builder, value) for value in past]
+        with cgutils.for_range(builder, builder.sub(order, index(apart))) as loop:
             m = builder.sub(order, loop.index)
             past = _step(builder, n, [builder.load(where) for where in kept], read(m, apart))
             write(past, m)

@@ -5,7 +5,7 @@ The result has no cracks: a part is cut further where a neighbour has a vertex o
 """
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class CutFaces(NamedTuple):
     face: NDArray[np.int64]
     bary: NDArray[np.float64] | None
 
-    def corners(self, values: NDArray[np.generic], rows: NDArray[np.generic]) -> NDArray[Any]:
+    def corners(self, values: NDArray[np.generic], rows: NDArray[np.generic]) -> NDArray[np.generic]:
         """Interpolate values at the corners of the faces of the mesh (M, 3, c) to some parts (k, 3, c)."""
         found = values[self.face[rows]]
         return np.asarray(found if self.bary is None else self.bary[rows] @ found)

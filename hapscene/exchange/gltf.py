@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def _cut(body: Body) -> Body:
     if body.fine is None:
         return body
     cut, mesh = cut_faces(body), body.mesh
-    look: dict[str, Any] = {
+    look: dict[str, Json] = {
         "colour_rgb": None if mesh.colour_rgb is None else mesh.colour_rgb[cut.face],
         "uv": None if mesh.uv is None else cut.corners(mesh.uv, np.arange(len(cut.face))),
         "materials": mesh.materials,
@@ -107,10 +107,10 @@ class _Writer:
         self.scene, self.show = scene, show
         self.chunks: list[bytes] = []
         self.size = 0
-        self.materials: dict[Any, int] = {}
+        self.materials: dict[object, int] = {}
         self.used: set[int] = set()  # swatches with a material
-        self.textures: dict[Any, int] = {}
-        self.meshes: dict[Any, list[dict[str, Json]]] = {}
+        self.textures: dict[object, int] = {}
+        self.meshes: dict[object, list[dict[str, Json]]] = {}
         self.normals: dict[int, NDArray[np.float64]] = {}  # by id of the mesh
         root = {"name": "W", "matrix": list(Z_UP), "children": [], "extras": {"hapscene_version": VERSION}}
         self.tree: dict[str, Json] = {
@@ -249,7 +249,7 @@ class _Writer:
     def worn(self, swatch: Swatch, opacity: float) -> dict[str, Json]:
         """Return the appearance of a swatch."""
         grain = grain_of(swatch)
-        look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": grain.roughness}
+        look: dict[str, Json] = {"metallicFactor": 0.0, "roughnessFactor": grain.roughness}
         found: dict[str, Json] = {"pbrMetallicRoughness": look}
         if grain.flat:
             look["baseColorFactor"] = [*linear(swatch.albedo_rgb).tolist(), opacity]

@@ -5,7 +5,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +169,7 @@ def restore_fine(path: Path, scene: Scene, body: Body, content: Json) -> None:
     set_subfaces(body, fine)
 
 
-def _corners_of(mesh: Mesh, order: Any = slice(None)) -> str:
+def _corners_of(mesh: Mesh, order: NDArray[np.int64] | slice = slice(None)) -> str:
     """Return a hash of the corners of all faces in an order, to detect changes."""
     corners = np.take(mesh.vertices_m.astype("<f4") + np.float32(0.0), mesh.faces[order], axis=0)
     return hashlib.sha256(corners.tobytes()).hexdigest()

@@ -5,7 +5,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -109,7 +109,7 @@ _LEAD_MAX: Final = 0.5
 """Upper bound of the pole of the lead filter [1]. Above it, frequencies above 1 kHz would be amplified for nothing."""
 
 
-def _fields(names: str, *layout: Any) -> list[tuple[Any, ...]]:
+def _fields(names: str, *layout: object) -> list[tuple[object, ...]]:
     """Fields of a record with the same type and shape, one for each word."""
     return [(name, *layout) for name in names.split()]
 

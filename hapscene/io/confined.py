@@ -32,7 +32,7 @@ from hapscene.errors import FormatError, printable
 
 __all__ = ["confined", "import_path"]
 
-Reader = Callable[..., Mapping[str, NDArray[Any]]]
+Reader = Callable[..., Mapping[str, NDArray[np.generic]]]
 """A reader: takes the open file (binary, seekable) and further arguments, returns arrays without object types by name.
 It raises `FormatError` for invalid files; the message is passed on."""
 
@@ -65,7 +65,7 @@ def import_path() -> dict[str, str]:
 class Answer(NamedTuple):
     """Result of a reader: arrays by name, and what the native code printed."""
 
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: Mapping[str, NDArray[np.generic]]
     output: str
 
 
@@ -162,7 +162,7 @@ class _Tail:
         return printable(plain.decode("utf-8", errors="replace").strip(), lines=True)
 
 
-def _answer(pipe: IO[bytes], most_B: int) -> tuple[str | None, dict[str, NDArray[Any]] | None]:
+def _answer(pipe: IO[bytes], most_B: int) -> tuple[str | None, dict[str, NDArray[np.generic]] | None]:
     """Return the reader's error message or the arrays; neither if the process ended early.
 
     Raises:
@@ -170,7 +170,7 @@ def _answer(pipe: IO[bytes], most_B: int) -> tuple[str | None, dict[str, NDArray
     """
     try:
         head = json.loads(pipe.readline(1 << 20))
-        arrays: dict[str, NDArray[Any]] = {}
+        arrays: dict[str, NDArray[np.generic]] = {}
         for name, dtype, shape in head["arrays"]:
             array = np.dtype(dtype)
             size_B = array.itemsize * math.prod(shape)
@@ -222,7 +222,7 @@ def _main(order: str) -> None:
         importlib.import_module(other)
     _limit(memory_B, time_s)
     refused: str | None = None
-    arrays: Mapping[str, NDArray[Any]] = {}
+    arrays: Mapping[str, NDArray[np.generic]] = {}
     try:
         with open(0, "rb", closefd=False) as file:
             arrays = reader(file, *arguments)

@@ -6,7 +6,9 @@ also ends when the application has not called the servo for that time, which det
 
 import threading
 import weakref
-from typing import Any, Final
+from collections.abc import Callable
+from functools import partial
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +37,8 @@ class Heartbeat:
         """
         self.asked = np.zeros(1, np.int64)
         self._stop = np.zeros(1, np.int64)
-        patience_ns = int(min(patience_s, 1e9) * 1e9)
-        arguments = counter, self.asked, self._stop, new_clock(), patience_ns
-        self._thread = threading.Thread(target=_run, args=arguments, name="hapscene heartbeat", daemon=True)
+        beat = partial(_beat, counter, self.asked, self._stop, new_clock(), int(min(patience_s, 1e9) * 1e9))
+        self._thread = threading.Thread(target=_run, args=(beat,), name="hapscene heartbeat", daemon=True)
         self._thread.start()
         # the thread must end before its memory is released, also at the exit of the program
         self._end = weakref.finalize(self, _end, self._stop, self._thread)
@@ -52,9 +53,9 @@ def _end(stop: NDArray[np.int64], thread: threading.Thread) -> None:
     thread.join()
 
 
-def _run(*arguments: Any) -> None:
+def _run(beat: Callable[[], None]) -> None:
     request_realtime_priority()
-    _beat(*arguments)
+    beat()
 
 
 @native

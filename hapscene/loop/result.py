@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,7 @@ class ClosedLoopResult:
         Raises:
             OSError: the folder is missing or cannot be written.
         """
-        arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "recording"}
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "recording"}
         with whole_file(path) as part, part.open("wb") as file:
             np.savez_compressed(file, t_s=self.recording.t_s, format_version=1, **arrays)
 

@@ -258,7 +258,7 @@ class Servo(ServoConnection):
             raise PathError(f"p_WT has {len(places)} positions, expected {count}: one for each tool")
         held = grip_named(grip) if isinstance(grip, str) else grip
         one = None if tool is None else self._number(tool)
-        given: NDArray[np.float64] = self._order("start", [tuple(p) for p in places.tolist()], held.row(), one)
+        given = np.asarray(self._order("start", [tuple(p) for p in places.tolist()], held.row(), one))
         self._reported_impulse = np.zeros_like(given) if one is None else self._reported_impulse - given
         return given
 
@@ -444,7 +444,7 @@ class Servo(ServoConnection):
         """Exclude an effect from the sum, or include it again, while ticks run; see `Renderer.mute`."""
         self._change("mute", effect, {"muted": muted})
 
-    def _change(self, order: str, name: str, arguments: dict[str, Any]) -> None:
+    def _change(self, order: str, name: str, arguments: dict[str, float]) -> None:
         self._order("change", order, name, arguments)
         note_order(self._tuned, order, name, arguments)
 

@@ -6,7 +6,7 @@ the acceleration on a real handle. They share the memory of `hapscene.loop.share
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.connection import Connection as Pipe
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hapscene.clock import now_here_ns
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError, HapsceneError
+from hapscene.io.files import Json
 from hapscene.loop.driver import ENDED
 from hapscene.loop.heartbeat import Heartbeat
 from hapscene.loop.shared_memory import Channel, open_channel, read_text
@@ -91,7 +92,7 @@ class ServoConnection:
         # orders are executed one after the other in this thread, which Ctrl-C does not interrupt
         self._lane = ThreadPoolExecutor(1, "hapscene orders")
         self._cancelled = False
-        self._renderer_arguments: dict[str, Any] = {}
+        self._renderer_arguments: Mapping[str, Json] = {}
 
     def __enter__(self) -> Self:
         if self._closed or self._opened is not None:
@@ -139,7 +140,7 @@ class ServoConnection:
         if self._handle_choice is not None:
             self._start_handle(self._handle_choice)
 
-    def _started(self) -> dict[str, Any]:
+    def _started(self) -> Mapping[str, Json]:
         """Report the stages of the start that the process sends, as texts; return its last message."""
         waited_s, stage = 0.0, "a new process"
         while isinstance(stage, str):
@@ -175,8 +176,7 @@ class ServoConnection:
 
         assert self._opened is not None
         shape = {"length": self._length, "block": self._block, "bodies": self._room, "tools": self._tools}
-        shared = shape | {"name": self._opened.memory.name}
-        options = dict(choice.options)
+        shared, options = shape | {"name": self._opened.memory.name}, dict(choice.options)
         with _terminal_signals_blocked():
             self._played = LiveHandle(shared, self.a_rate_Hz, 0, choice.name, options, handle=self._handle_file)
 
@@ -247,7 +247,7 @@ class ServoConnection:
         """Whether the process runs."""
         return self._process is not None and self._process.is_alive()
 
-    def _order(self, order: str, *arguments: Any) -> Any:
+    def _order(self, order: str, *arguments: object) -> object:
         """Send an order after those before it are done; return its result."""
         return self._in_turn(lambda: self._talk(order, *arguments))
 
@@ -260,7 +260,7 @@ class ServoConnection:
             raise HapsceneError("this servo is closed: make a new one") from None
         return turn.result()
 
-    def _talk(self, order: str, *arguments: Any) -> Any:
+    def _talk(self, order: str, *arguments: object) -> object:
         """Send an order and wait for its answer."""
         _ = self._channel
         self._send(ForkingPickler.dumps((order, arguments)))

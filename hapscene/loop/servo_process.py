@@ -224,7 +224,7 @@ class OrderHandler:
         twins: "Sequence[Twin]",
         channel: Channel,
         log_folder: str | None = None,
-        made: Mapping[str, Any] | None = None,
+        made: Mapping[str, object] | None = None,
         clock: NDArray[np.int64] | None = None,
     ) -> None:
         """Prepare the loop without starting it.
@@ -286,7 +286,7 @@ class OrderHandler:
     def _renderers(self) -> list[Renderer]:
         return [twin.renderer for twin in self._twins]
 
-    def answer(self, order: str, arguments: Sequence[Any]) -> tuple[str | None, Any]:
+    def answer(self, order: str, arguments: Sequence[object]) -> tuple[str | None, object]:
         """Execute an order; return (None, result) or (error text, None)."""
         try:
             return None, getattr(self, order)(*arguments)
@@ -410,7 +410,7 @@ class OrderHandler:
             for connection in able:
                 connection.home()
 
-    def change(self, order: str, name: str, arguments: Mapping[str, Any]) -> None:
+    def change(self, order: str, name: str, arguments: dict[str, float]) -> None:
         """Change parameters of a swatch or effect, by one of the methods `ORDERS` of the renderer.
 
         The loop continues, because single numbers are written atomically.

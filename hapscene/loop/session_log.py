@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from hapscene.device.model import Limits
 from hapscene.errors import FormatError, HapsceneError, PathError
 from hapscene.io.confined import confined
-from hapscene.io.files import parse_format, read_bytes, refusing, whole_folder
+from hapscene.io.files import Json, parse_format, read_bytes, refusing, whole_folder
 from hapscene.io.number_files import open_npz
 from hapscene.loop.checkpoint import restore_checkpoint
 from hapscene.loop.result import LOOP_ROW
 from hapscene.loop.shared_memory import Channel
-from hapscene.records import ROW, records
+from hapscene.records import ROW, Records, records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.render.tick import run_ticks
 from hapscene.scene.scene import Scene, load_scene
@@ -64,13 +64,13 @@ class SessionLog:
 
     reason: str
     first: int
-    rows: Any
-    loop_rows: Any
+    rows: Records
+    loop_rows: Records
     a_m_s2: NDArray[np.float64]
     memory: NDArray[np.uint8]
     memory_tick: int
-    made: Mapping[str, Any]
-    tuned: Sequence[Sequence[Any]]
+    made: Mapping[str, Json]
+    tuned: Sequence[Sequence[Json]]
     scene: Scene
 
     def __repr__(self) -> str:
@@ -93,7 +93,7 @@ class SessionLog:
         }
         with whole_folder(folder) as part:
             self.scene.save(part / SCENE_FILE)
-            columns = {f"row_{name}": self.rows[name] for name in ROW.names or ()}
+            columns: dict[str, Any] = {f"row_{name}": self.rows[name] for name in ROW.names or ()}
             columns |= {f"felt_{name}": self.loop_rows[name] for name in LOOP_ROW.names or ()}
             np.savez(part / NUMBERS_FILE, a_m_s2=self.a_m_s2, memory=self.memory, **columns)
             # settings may hold numbers of NumPy
@@ -219,7 +219,7 @@ def _require_log(folder: Path) -> None:
         raise PathError(f"{folder}: not a session log; expected a folder with {STORY_FILE}, written by `hapscene play`")
 
 
-def _renderer(scene: Scene, made: Mapping[str, Any], tool: int) -> Renderer:
+def _renderer(scene: Scene, made: Mapping[str, Json], tool: int) -> Renderer:
     limits, known = made.get("limits"), {field.name for field in fields(Limits)}
     limits = limits[tool] if isinstance(limits, list) and tool < len(limits) else None
     if not (isinstance(limits, dict) and limits.keys() <= known):
@@ -236,7 +236,7 @@ def _renderer(scene: Scene, made: Mapping[str, Any], tool: int) -> Renderer:
     )
 
 
-def settings_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | None) -> dict[str, Any]:
+def settings_of(renderers: Sequence[Renderer], settings: Mapping[str, Json] | None) -> dict[str, Json]:
     """Return the arguments of the renderers for JSON. Infinite limits, which JSON lacks, are defaults and omitted."""
     renderer = renderers[0]
     limits = [{name: value for name, value in asdict(one.limits).items() if value != float("inf")} for one in renderers]
@@ -251,11 +251,11 @@ def settings_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | Non
     }
 
 
-def note_order(tuned: list[tuple[str, str, dict[str, Any]]], order: str, name: str, numbers: Mapping[str, Any]) -> None:
+def note_order(tuned: list[tuple[str, str, dict[str, float]]], order: str, name: str, given: dict[str, float]) -> None:
     """Append one of `ORDERS`. Repeated changes of the same parameters, as by a slider, replace the last entry."""
-    if tuned and tuned[-1][:2] == (order, name) and tuned[-1][2].keys() == numbers.keys():
+    if tuned and tuned[-1][:2] == (order, name) and tuned[-1][2].keys() == given.keys():
         tuned.pop()
-    tuned.append((order, name, dict(numbers)))
+    tuned.append((order, name, dict(given)))
 
 
 def replay_log(folder: str | Path) -> Replay:
@@ -270,7 +270,7 @@ def replay_log(folder: str | Path) -> Replay:
     with refusing(PathError, folder), (folder / STORY_FILE).open("rb") as file:
         found = confined(_replay_in_process, file, str(folder), by="The replay of the log", **limits).arrays
     first, length = found["ticks"].tolist()
-    return Replay(first, length, found["unlike"], found["reason"].tobytes().decode(errors="replace"))
+    return Replay(first, length, found["unlike"].astype(np.int64), found["reason"].tobytes().decode(errors="replace"))
 
 
 MEMORY_MAX_B: Final = 4_000_000_000
@@ -306,7 +306,7 @@ def write_log(log: SessionLog, folder: str | Path) -> str:
 
 
 def log_of(
-    channel: Channel, scene: Scene, made: Mapping[str, Any], tuned: Sequence[Sequence[Any]], reason: str
+    channel: Channel, scene: Scene, made: Mapping[str, Json], tuned: Sequence[Sequence[Json]], reason: str
 ) -> SessionLog:
     """Return the log of the ticks in shared memory. The servo may be running, or have ended."""
     row, length = channel.channel[0], channel.rows.shape[1]

@@ -87,7 +87,7 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
         HapsceneError: the system has no room for a new block.
     """
     number = np.dtype("f8")
-    parts: list[tuple[np.dtype[Any], tuple[int, ...]]] = [
+    parts: list[tuple[np.dtype[np.generic], tuple[int, ...]]] = [
         (CHANNEL, (1,)),
         (AIM, (tools,)),
         (ROW, (tools, length)),

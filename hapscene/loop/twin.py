@@ -71,7 +71,7 @@ class Twin:
         compensator: str = "adaptive",
         nominal: Plant | None = None,
         X_WD: ArrayLike | None = None,
-        settings: Mapping[str, Mapping[str, Any]] | None = None,
+        settings: Mapping[str, Mapping[str, object]] | None = None,
         tip_radius_m: float = 0.0,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:

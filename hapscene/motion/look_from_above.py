@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
+    from trimesh.ray.ray_pyembree import RayMeshIntersector
+
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
@@ -97,7 +99,7 @@ def look_from_above(scene: "Scene") -> Look:
     return look
 
 
-def caster_of(mesh: "Mesh") -> Any:
+def caster_of(mesh: "Mesh") -> "RayMeshIntersector":
     """A `trimesh` object that casts rays in the frame of the body, with the search structure of Embree."""
     import trimesh
     from trimesh.ray.ray_pyembree import RayMeshIntersector

@@ -6,13 +6,13 @@ functions of the servo apply.
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from hapscene.device.driver import Driver
+from hapscene.device.driver import Driver, OptionValue
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError
 from hapscene.flags import Flag
@@ -51,7 +51,7 @@ MISSED_MAX: Final = 0.01
 GRAVITY_M_S2: Final = 9.81
 
 
-def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None], wait: bool = True) -> int:
+def try_device(name: str, options: Mapping[str, OptionValue], say: Callable[[str], None], wait: bool = True) -> int:
     """Try a device; returns 0 if all checks passed, else 1.
 
     Args:
@@ -163,7 +163,7 @@ def _look_at_push(servo: Servo, say: Callable[[str], None]) -> list[tuple[str, b
     return checks + _problems(log.rows["flags"][-100:])
 
 
-def _problems(flags: NDArray[np.integer[Any]]) -> list[tuple[str, bool]]:
+def _problems(flags: NDArray[np.integer]) -> list[tuple[str, bool]]:
     """Flags of the device in some ticks, without those of a ramp and of a busy computer."""
     seen = int(np.bitwise_or.reduce(flags)) & ~int(Flag.RAMPED | Flag.STALLED | Flag.APPLICATION_SILENT)
     return [(text, False) for flag, text in FLAG_TEXTS.items() if seen & flag]

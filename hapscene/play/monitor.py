@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -10,7 +10,9 @@ from hapscene.errors import HandleError
 from hapscene.flags import Flag
 from hapscene.loop import Servo, TimingStatistics
 from hapscene.loop.empty_loop import EmptyLoop
+from hapscene.loop.servo_state import TickLog
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
+from hapscene.records import Record
 
 __all__ = ["FLAG_TEXTS", "Monitor", "deadline_misses"]
 
@@ -115,7 +117,7 @@ class Monitor:
                 self._mute = f"handle stopped: {error}"
         return self._mute
 
-    def _note_worst(self, log: Any) -> None:
+    def _note_worst(self, log: TickLog) -> None:
         if len(log.rows):
             at = int(np.argmax(log.rows.tick_ns))
             row = log.rows[at]
@@ -151,10 +153,10 @@ def _percentiles(late: TimingStatistics) -> str:
     return f"median {late.delay_us():.3g} µs, p99 {late.delay_us(0.99):.3g} µs, max {late.delay_us(1.0):.3g} µs"
 
 
-def _warmth(device: Any) -> str:
+def _warmth(device: Record) -> str:
     return f"   motor heat {100 * float(device.heat):.0f} %" if device.heat >= 0.0 else ""
 
 
-def _buttons(device: Any) -> str:
+def _buttons(device: Record) -> str:
     pressed = [str(k + 1) for k in range(16) if int(device.buttons) >> k & 1]
     return f"   button {', '.join(pressed)}" if pressed else ""

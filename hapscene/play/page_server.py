@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import resources
 from threading import Event, RLock, Thread
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from hapscene.constants import TICK_S
 from hapscene.device.driver_registry import choose
 from hapscene.errors import HapsceneError
 from hapscene.exchange.html_page import scene_json
+from hapscene.io.files import Json
 from hapscene.play.line_of_sight import LineOfSight
 from hapscene.play.pointer_link import PointerLink
 from hapscene.view.palette import albedo_colours
@@ -193,7 +194,7 @@ class PageServer:
 
     # --- messages of pages
 
-    def take(self, page: PageConnection, message: Any) -> None:
+    def take(self, page: PageConnection, message: Json) -> None:
         """Handle a message of a page; an invalid message has no effect."""
         if not isinstance(message, dict) or len(message) > 8:
             return
@@ -210,7 +211,7 @@ class PageServer:
                 except (TypeError, ValueError, LookupError, OverflowError):
                     pass
 
-    def _points(self, page: PageConnection, value: Any) -> None:
+    def _points(self, page: PageConnection, value: Json) -> None:
         """Handle [[pointer, position of the eye [m], direction, depth relative to DEPTH_MAX_M], …]."""
         for pointer, eye, direction, depth in () if self._paused else value[:10]:
             (x, y, z), (dx, dy, dz), depth = map(float, eye), map(float, direction), float(depth)
@@ -230,11 +231,11 @@ class PageServer:
             else:
                 self.link.press(tool, *found, depth * DEPTH_MAX_M)
 
-    def _up(self, page: PageConnection, value: Any) -> None:
+    def _up(self, page: PageConnection, value: Json) -> None:
         for pointer in value[:10]:
             self._release(page, int(pointer))
 
-    def _switch(self, page: PageConnection, value: Any) -> None:
+    def _switch(self, page: PageConnection, value: Json) -> None:
         """Handle [effect, whether it is on]."""
         effect, on = value
         if effect in SWITCHES and isinstance(on, bool):
@@ -248,7 +249,7 @@ class PageServer:
         servo.mute(effect, not on)
         self._on[effect] = on
 
-    def _pause(self, page: PageConnection, value: Any) -> None:
+    def _pause(self, page: PageConnection, value: Json) -> None:
         """Handle whether to pause."""
         if isinstance(value, bool):
             self._set_paused(value)
@@ -264,7 +265,7 @@ class PageServer:
         self._paused = paused
         self._say("")
 
-    def _sound(self, page: PageConnection, value: Any) -> None:
+    def _sound(self, page: PageConnection, value: Json) -> None:
         """Handle [whether sound is on, volume]."""
         on, volume = value
         if isinstance(on, bool) and 0.0 <= float(volume) <= 1.0:
@@ -311,7 +312,7 @@ class PageServer:
 
     # --- messages to pages
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Json]:
         """State that a page receives first, and after each change."""
         swatches = [] if self._scene is None else self._scene.swatches
         bodies = [] if self._scene is None else self._scene.bodies
@@ -335,7 +336,7 @@ class PageServer:
             "bin_s": BIN * (TICK_S if self._servo is None else self._servo.tick_s),
         }
 
-    def _felt(self, servo: "Servo", since: int) -> tuple[dict[str, Any], int]:
+    def _felt(self, servo: "Servo", since: int) -> tuple[dict[str, Json], int]:
         """Traces of all tools from tick `since` on, with their positions; and the tick for the next call."""
         states = [servo.state(tool=tool) for tool in range(self.tools)]
         done = states[0].tick + 1
@@ -359,11 +360,11 @@ class PageServer:
                 place_m = [round(float(x_m), 6) for x_m in state.p_WP_m]
                 tools.append([place_m, round(newtons, 3), round(1e3 * state.depth_m, 3), state.swatch])
         traces = {"f": force, "a": shake, "v": slip}
-        message: dict[str, Any] = {name: np.nan_to_num(trace).round(4).tolist() for name, trace in traces.items()}
+        message: dict[str, Json] = {name: np.nan_to_num(trace).round(4).tolist() for name, trace in traces.items()}
         return message | {"felt": tools}, done - (done - max(since, 0)) % BIN
 
 
-ORDERS: Final[dict[str, Callable[[PageServer, PageConnection, Any], None]]] = {
+ORDERS: Final[dict[str, Callable[[PageServer, PageConnection, Json], None]]] = {
     "points": PageServer._points,
     "up": PageServer._up,
     "lift": lambda server, page, value: server.lift(),

@@ -157,7 +157,7 @@ class Recording:
         Raises:
             OSError: the folder is missing or cannot be written.
         """
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in self._columns}
+        arrays = {name: getattr(self, name) for name in self._columns}
         arrays |= {name: np.array(getattr(self, name), dtype="U") for name in _NAMES}
         with whole_file(path) as part, part.open("wb") as file:
             # uncompressed: ten seconds are 3 MB, and compressing them takes longer than rendering
@@ -212,10 +212,10 @@ class Recording:
                 rows = zip(*columns, repeat(self.a_rate_Hz), strict=False)
                 file.writelines(line % row for row in rows)
 
-    def _csv(self, part: slice) -> tuple[str, str, list[list[Any]]]:
+    def _csv(self, part: slice) -> tuple[str, str, list[list[object]]]:
         """Return the header line of the CSV, the format of the other lines, and the columns of a part of the ticks."""
         header: list[str] = []
-        columns: list[list[Any]] = []
+        columns: list[list[object]] = []
         form: list[str] = []
         for name in self._columns:
             values = getattr(self, name)[part]
@@ -241,7 +241,7 @@ def save_touch(recording: Recording, path: str | Path) -> None:
     recording.save(path)
 
 
-def _split(name: str, values: NDArray[np.generic]) -> dict[str, list[Any]]:
+def _split(name: str, values: NDArray[np.generic]) -> dict[str, list[object]]:
     """Return the columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
     if values.ndim == 1:
         return {name: values.tolist()}

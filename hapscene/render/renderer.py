@@ -3,13 +3,13 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.entry import call_entry
-from hapscene.compiled.native import INTERPRETED, compiling
+from hapscene.compiled.native import Native, compiling
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
@@ -142,7 +142,7 @@ class Renderer:
         limits: Limits | None = None,
         device: "DeviceLike | None" = None,
         crease_rad: float = 0.0,
-        settings: Mapping[str, Mapping[str, Any]] | None = None,
+        settings: Mapping[str, Mapping[str, object]] | None = None,
         tip_radius_m: float = 0.0,
     ) -> None:
         if not scene.bodies:
@@ -306,7 +306,7 @@ class Renderer:
             raise EffectError(no_such("effect", effect, names))
         self.surface.muted[names.index(effect)] = SWITCHED_OFF if muted else 0
 
-    def _read_field_settings(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
+    def _read_field_settings(self, settings: Mapping[str, Mapping[str, object]]) -> list[FieldSetting]:
         """Return the checked settings of the effects of the scene, one for each effect."""
         of_scene = self._effects[len(self._contact_effects) :]
         names = [effect.name for effect in of_scene]
@@ -741,8 +741,8 @@ def _warn_of_overlap(scene: "Scene", world: World) -> None:
 
 def _compile_run(world: World, surface: Surface, rows: Records, blocks: NDArray[np.float64]) -> Callable[..., None]:
     """Return `run_ticks` compiled for these records. Its entry point skips numba's type look-up (3 µs per call)."""
-    play: Any = run_ticks
-    if INTERPRETED:
+    if not isinstance(run_ticks, Native):  # interpreted
         return run_ticks
-    entry: Callable[..., None] = play.compile(world, surface, np.zeros((0, 3)), *_NO_BODIES, rows, blocks).entry_point
+    compiled = run_ticks.compile(world, surface, np.zeros((0, 3)), *_NO_BODIES, rows, blocks)
+    entry: Callable[..., None] = compiled.entry_point
     return entry

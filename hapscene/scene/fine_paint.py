@@ -8,7 +8,7 @@ the contact geometry, does not change.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,6 +59,7 @@ the just noticeable difference (`perception.COMPLIANCE`)."""
 WEIGHT_STEPS: Final = 256
 """Number of steps of the weight of a blend [count]."""
 
+Array = NDArray[np.float64]
 Sight = Callable[[NDArray[np.float64], NDArray[np.uint8]], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 """Visibility test: of triangles (n, 3, 3) [m] and their levels (n,), whether the centre is visible, and whether they
 are only partly visible."""
@@ -130,9 +131,10 @@ class FinePaint:
     def __repr__(self) -> str:
         return f"<FinePaint: {len(self):,} subfaces of {len(self.faces):,} faces>"
 
-    def __getitem__(self, chosen: Any) -> "FinePaint":
+    def __getitem__(self, chosen: NDArray[np.integer | np.bool_] | slice) -> "FinePaint":
         """Select subfaces by index, mask or slice."""
-        return FinePaint(*(values[chosen] for values in self.columns))
+        face, path, edge = self.face[chosen], self.path[chosen], self.edge[chosen]
+        return FinePaint(face, path, edge, self.level[chosen], self.paint[chosen])
 
     @property
     def columns(self) -> tuple[NDArray[np.generic], ...]:
@@ -384,7 +386,7 @@ class _Painter:
         near = self.region.distance_m(centre) < reach_m + self.falloff_m / 2 + self.rounding_m
         return np.asarray(chosen[near], np.int64)
 
-    def look(self, where_m: NDArray[np.float64], level: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    def look(self, where_m: Array, level: NDArray[np.uint8]) -> tuple[Array, NDArray[np.bool_]]:
         """Return the weight at the centre of triangles (n, 3, 3), and whether they must be cut."""
         half_m = self.falloff_m / 2
         centre = where_m.mean(axis=1)

@@ -4,7 +4,7 @@ Materials are for display only: a swatch defines what a face feels like, the mat
 """
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -132,12 +132,12 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
         raise SceneError(f"{path}: not a valid image; expected PNG, JPEG, WebP, BMP or TIFF") from None
 
 
-def open_picture(content: bytes) -> Any:
+def open_picture(content: bytes) -> "Image.Image":
     """Return a picture file (PNG or JPEG) as PIL image that is decoded later and keeps the file for `picture_file`."""
     from PIL import Image
 
-    picture: Any = Image.open(io.BytesIO(content), formats=("PNG", "JPEG"))
-    picture.content = content
+    picture = Image.open(io.BytesIO(content), formats=("PNG", "JPEG"))
+    vars(picture)["content"] = content
     return picture
 
 
@@ -154,7 +154,7 @@ def picture_file(picture: "Image.Image", kind: str = "") -> tuple[bytes, str]:
     return content.getvalue(), kind
 
 
-def _opacity(colour: Any) -> tuple[float, ...]:
+def _opacity(colour: Sequence[float]) -> tuple[float, ...]:
     return (float(np.clip(colour[3] / 255, 0.0, 1.0)) if len(colour) > 3 else 1.0,)
 
 

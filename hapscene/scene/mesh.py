@@ -323,9 +323,9 @@ def join(parts: list[Part], unit: str, path: Path | None, up: str = "z", scale: 
         whole.vertices[:, 1:] = whole.vertices[:, :0:-1] * (-1.0, 1.0) + 0.0
     for array in (whole.vertices, whole.faces):
         array.setflags(write=False)
+    faces = whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb
     source = path, unit, up, float(scale)
-    look: dict[str, Any] = {"uv": whole.uv, "materials": tuple(whole.materials), "material": whole.material}
-    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, *source, **look)
+    return Mesh(*faces, *source, uv=whole.uv, materials=tuple(whole.materials), material=whole.material)
 
 
 def merged(parts: list[Part], path: Path | None) -> Part:
@@ -342,6 +342,7 @@ def merged(parts: list[Part], path: Path | None) -> Part:
         raise MeshError(f"{where}{len(names):,} groups; at most {np.iinfo(np.int16).max:,} are supported")
     place = {name: i for i, name in enumerate(names)}
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
+    materials, material = _materials(parts)
     for part in parts:  # checked per part: after joining, an invalid index may refer to a vertex of another part
         _check_indices(part.faces, len(part.vertices), where, f" of {part.names[0]!r}" if len(parts) > 1 else "")
     faces = np.empty((sum(len(part.faces) for part in parts), 3), np.int32 if start[-1] < 2**31 else np.int64)
@@ -356,7 +357,8 @@ def merged(parts: list[Part], path: Path | None) -> Part:
         names=names,
         colour_rgb=_colours(parts),
         uv=_uvs(parts),
-        **_materials(parts),
+        materials=materials,
+        material=material,
     )
 
 
@@ -465,17 +467,17 @@ def _colours(parts: list[Part]) -> NDArray[np.uint8] | None:
     return np.concatenate([np.tile(grey, (len(p.faces), 1)) if p.colour_rgb is None else p.colour_rgb for p in parts])
 
 
-def _materials(parts: list[Part]) -> dict[str, Any]:
+def _materials(parts: list[Part]) -> tuple[list[Material], NDArray[np.int16] | None]:
     """Return the materials of all parts without repetition, and the material of each face (m,)."""
     if all(part.material is None for part in parts):
-        return {}
+        return [], None
     every = list(dict.fromkeys(material for part in parts for material in part.materials))
     place = {material: i for i, material in enumerate(every)}
     index = []
     for part in parts:
         of_part = np.array([*(place[material] for material in part.materials), -1], np.int16)  # −1 is the last
         index.append(np.full(len(part.faces), -1, np.int16) if part.material is None else of_part[part.material])
-    return {"materials": every, "material": np.concatenate(index)}
+    return every, np.concatenate(index)
 
 
 def _uvs(parts: list[Part]) -> NDArray[np.float32] | None:

@@ -184,13 +184,7 @@ FORMATS: Final = (*UNITLESS, "glb", "gltf", *STEP, "zip")
 """Suffixes of the supported files."""
 
 
-def load_mesh(
-    path: str | Path,
-    unit: str | None = None,
-    *,
-    up: str | None = None,
-    scale: float = 1.0,
-) -> Mesh:
+def load_mesh(path: str | Path, unit: str | None = None, *, up: str | None = None, scale: float = 1.0) -> Mesh:
     """Load a mesh from STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP, or from a zip archive with one such file.
 
     All objects in a file become one mesh, at their poses. Vertices and faces are not merged, dropped or reordered. The
@@ -222,10 +216,7 @@ def load_mesh(
         )
     if suffix in STEP:
         if given not in (None, "m"):
-            warn(
-                f"{path}: unit={unit!r} is ignored: a STEP file contains its unit",
-                MeshWarning,
-            )
+            warn(f"{path}: unit={unit!r} is ignored: a STEP file contains its unit", MeshWarning)
         return _step(path, content, up, scale)
     try:
         parts, own_unit = _read(path, suffix, content, resolver)
@@ -315,7 +306,7 @@ def _suffix(name: str) -> str:
     return PurePosixPath(name).suffix.lower().lstrip(".")
 
 
-def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[list[Part], str | None]:
+def _read(path: Path, suffix: str, content: bytes, resolver: FolderResources) -> tuple[list[Part], str | None]:
     """Return the parts of a mesh file, and its unit if it has one."""
     if suffix == "obj":
         return [read_obj(content, str(path), resolver)], None

@@ -5,11 +5,13 @@ one keeps shared positions and the order of the faces, and names the line of an 
 trimesh.
 """
 
+# mypy: allow-untyped-calls
+
 import io
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +20,15 @@ from hapscene.errors import MeshError
 from hapscene.scene.material import Material
 from hapscene.scene.mesh import UNNAMED, Part, sample
 
+if TYPE_CHECKING:
+    from trimesh.visual.material import SimpleMaterial
+
+    from hapscene.scene.mesh_file import FolderResources
+
 __all__ = ["LINE_MAX", "read_obj"]
 
 
-def read_obj(content: bytes, where: str, resolver: object) -> Part:
+def read_obj(content: bytes, where: str, resolver: "FolderResources") -> Part:
     """Read the triangles of an OBJ file. Polygons are divided into fans from their first corner, as in trimesh.
 
     `resolver` returns the content of files beside it by name, as `trimesh.resolvers` do.
@@ -165,7 +172,7 @@ def _index(reader: _Reader, word: str, count: int, what: str) -> int:
     return index
 
 
-def _named(attribute: str) -> Any:
+def _named(attribute: str) -> Callable[[_Reader, list[str]], None]:
     def read(reader: _Reader, tokens: list[str]) -> None:
         setattr(reader, attribute, " ".join(tokens))
         reader.current = None
@@ -201,7 +208,7 @@ def _uv(reader: _Reader) -> NDArray[np.float32] | None:
 
 
 def _colours(
-    reader: _Reader, materials: dict[str | None, Any], corners: NDArray[np.float32] | None
+    reader: _Reader, materials: "dict[str | None, SimpleMaterial]", corners: NDArray[np.float32] | None
 ) -> NDArray[np.uint8] | None:
     """Return the colour of every face (m, 3) from its material, else from its vertices, else None."""
     if not reader.f:
@@ -222,15 +229,13 @@ def _colours(
     return colour
 
 
-def _materials(reader: _Reader, resolver: Any) -> dict[str | None, Any]:
-    from trimesh.exchange import obj
-    from trimesh.visual import material
+def _materials(reader: _Reader, resolver: "FolderResources") -> "dict[str | None, SimpleMaterial]":
+    from trimesh.exchange.obj import parse_mtl
+    from trimesh.visual.material import SimpleMaterial
 
-    read: Any = obj.parse_mtl
-    make: Any = material.SimpleMaterial
-    materials: dict[str | None, Any] = {}
+    materials: dict[str | None, SimpleMaterial] = {}
     for library in reader.mtllib:
         with suppress(Exception):  # colours are for display only
-            parsed = read(resolver[library], resolver=resolver)
-            materials.update({name: make(**values) for name, values in parsed.items()})
+            parsed = parse_mtl(resolver[library], resolver=resolver)
+            materials.update({name: SimpleMaterial(**values) for name, values in parsed.items()})
     return materials

@@ -45,7 +45,7 @@ def mesh_to_ply(mesh: Mesh) -> bytes:
     lines += [f"comment {_COMMENT} {_in_a_line(name)}" for name in mesh.group_names]
     lines += [f"element vertex {len(mesh.vertices_m)}", *(f"property double {axis}" for axis in "xyz")]
     lines += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
-    fields: list[Any] = [("count", "u1"), ("corners", "<i4", 3), ("group", "<i2")]
+    fields = [("count", "u1", ()), ("corners", "<i4", (3,)), ("group", "<i2", ())]
     lines += ["property short group"]
     columns: list[tuple[Any, str, str, tuple[str, ...]]] = [
         (mesh.colour_rgb, "u1", "uchar", ("red", "green", "blue")),
@@ -189,7 +189,7 @@ def _replace_strips(content: bytes) -> bytes:
 
 def _binary_strips(
     body: bytes, at: int, count: int, count_type: np.dtype[np.generic], index_type: np.dtype[np.generic]
-) -> tuple[list[NDArray[Any]], int]:
+) -> tuple[list[NDArray[np.integer]], int]:
     """Return the strips from an offset, and the offset of their end."""
     strips = []
     for _ in range(count):
@@ -202,13 +202,13 @@ def _binary_strips(
     return strips, at
 
 
-def _text_strip(tokens: list[bytes]) -> NDArray[Any]:
+def _text_strip(tokens: list[bytes]) -> NDArray[np.int64]:
     if len(tokens) != int(tokens[0]) + 1:
         raise ValueError(f"expected {int(tokens[0]):,} indices, found {len(tokens) - 1:,}")
     return np.array(tokens[1:], np.int64)
 
 
-def _triangles(strips: list[NDArray[Any]]) -> NDArray[Any]:
+def _triangles(strips: list[NDArray[np.integer]]) -> NDArray[np.int64]:
     """Return the triangles of strips (m, 3), without the degenerate ones that join strips.
 
     Every second triangle of a strip has the opposite order, so two of its corners are exchanged.

@@ -36,10 +36,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
+from hapscene.records import Record
 
 __all__ = ["Effect", "Param", "State", "check_range"]
 
-Render = Callable[[Any, Any, Any, Any, Any], None]
+Render = Callable[[Record, Record, NDArray[np.float64], Record, Record], None]
 Table = Callable[[Any, float], NDArray[np.float64]]
 
 
@@ -103,15 +104,15 @@ class Effect:
         return f"<Effect {self.name!r}: {self.summary} ({params})>"
 
     @property
-    def param_dtype(self) -> np.dtype[Any]:
+    def param_dtype(self) -> np.dtype[np.void]:
         """Record type of the parameters; never empty, because numba cannot compile an empty record."""
         return np.dtype([(p.name, "f8") for p in self.params] or [("_", "f8")], align=True)
 
     @property
-    def state_dtype(self) -> np.dtype[Any]:
+    def state_dtype(self) -> np.dtype[np.void]:
         """Record type of the state; never empty, as `param_dtype`."""
-        fields: list[Any] = [(s.name, "u8", (4,)) if s.seeded else (s.name, "f8", s.shape) for s in self.state]
-        return np.dtype(fields or [("_", "f8")], align=True)
+        fields = [(s.name, "u8", (4,)) if s.seeded else (s.name, "f8", s.shape) for s in self.state]
+        return np.dtype(fields or [("_", "f8", ())], align=True)
 
 
 def check_range(effect: Effect, param: Param, value: object, where: str = "") -> float:

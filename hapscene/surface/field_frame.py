@@ -5,7 +5,7 @@ the effect, the poses of the bodies come first, then the numbers of the effect."
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def eased(touch: np.record) -> float:
     return float(min(1.0, touch.tick * touch.tick_s / EASE_S))
 
 
-def field_array(effect: str, settings: Mapping[str, Any], name: str, rows: str) -> NDArray[np.float64]:
+def field_array(effect: str, settings: Mapping[str, object], name: str, rows: str) -> NDArray[np.float64]:
     """Return a setting as an array (n, 3); `rows` describes the rows in the error message.
 
     Raises:

@@ -1,7 +1,7 @@
 """Settings of an effect of the scene: parameters, arrays, and bodies whose poses it reads."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ class FieldSetting(NamedTuple):
 
 
 def field_setting(
-    effect: Effect, given: Mapping[str, Any], body_names: Sequence[str], a_rate_Hz: float
+    effect: Effect, given: Mapping[str, object], body_names: Sequence[str], a_rate_Hz: float
 ) -> FieldSetting:
     """Check the settings of an effect of the scene.
 
@@ -55,7 +55,7 @@ def field_setting(
             numbers[name] = check_range(effect, param, given[name])
     names = given.get("bodies") or ()
     bodies = []
-    for name in (names,) if isinstance(names, str) else names:
+    for name in map(str, names if isinstance(names, Iterable) and not isinstance(names, str) else [names]):
         if name not in body_names:
             raise EffectError(where + no_such("body", name, body_names))
         bodies.append(list(body_names).index(name))

@@ -171,11 +171,7 @@ def limit(surface: "Surface") -> int:
     change = math.sqrt(x * x + y * y + z * z)
     step = limits.slew_N_s * touch.tick_s
     if change > step:
-        f[0], f[1], f[2] = (
-            last[0] + x * step / change,
-            last[1] + y * step / change,
-            last[2] + z * step / change,
-        )
+        f[0], f[1], f[2] = last[0] + x * step / change, last[1] + y * step / change, last[2] + z * step / change
         flags |= _SLEW
     for i in range(3):
         last[i] = f[i]

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,7 +254,7 @@ class Operation:
         operate(self.leader, self.follower, self.line, self._ticks, hand, rows)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
-        column: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in TICK_RECORD.names or ()}
+        column = {name: np.ascontiguousarray(rows[name]) for name in TICK_RECORD.names or ()}
         column["touching"] = column["touching"].astype(bool)
         leader_J = _work(column["leader_W_m"], column["f_leader_W_N"])
         follower_J = _work(column["follower_W_m"], column["f_follower_W_N"])
@@ -269,7 +269,7 @@ class Operation:
     def latency_s(self) -> float:
         """Present latency from the follower's accelerometer to the handle: one tick to send, the jitter buffer, and the
         look-ahead of the handle."""
-        queue: Any = self.leader.end.queue[0]
+        queue = self.leader.end.queue[0]
         ticks = 1 + int(queue.lag_ticks) + int(queue.a_extra_ticks)
         return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ
 

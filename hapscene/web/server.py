@@ -15,9 +15,10 @@ from collections.abc import Callable
 from importlib.resources.abc import Traversable
 from queue import SimpleQueue
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from hapscene.errors import HapsceneError
+from hapscene.io.files import Json
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.listener import WebListener, is_address, refusal_reason
 
@@ -116,7 +117,7 @@ class WebServer:
         folder: Traversable,
         name: str,
         *,
-        take: Callable[[PageConnection, Any], None],
+        take: Callable[[PageConnection, Json], None],
         joined: Callable[[PageConnection], None] = _ignore,
         left: Callable[[PageConnection], None] = _ignore,
         host: str = "127.0.0.1",

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import hapscene
 from hapscene.errors import HapsceneError, SceneError
-from hapscene.paint.model.history import NOTHING, columns_of
+from hapscene.paint.model.history import NOTHING
 from hapscene.paint.model.session import ERASE, Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
@@ -26,7 +26,7 @@ def bits(session: Session) -> Any:
     """All that an operation may change, to compare."""
     scene = session.scene
     faces = tuple(body.face_swatch.tobytes() for body in scene.bodies)
-    leaves = tuple(b"".join(c.tobytes() for c in columns_of(body.fine or NOTHING)) for body in scene.bodies)
+    leaves = tuple(b"".join(c.tobytes() for c in (body.fine or NOTHING).columns) for body in scene.bodies)
     swatches = tuple((swatch_to_json(s), source) for s, source in zip(scene.swatches, scene.swatch_source, strict=True))
     originals = tuple(
         None if e.original is None else swatch_to_json(e.original.swatch) for e in session.painting.swatches

@@ -71,9 +71,8 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
         if end == len(coarse) - 1:
             places += found
             break
-        sure = [
-            place for place in found if place <= end - margin
-        ]  # samples after the interval may move later change points
+        # samples after the interval may move later change points
+        sure = [place for place in found if place <= end - margin]
         places += sure
         start = sure[-1] if sure else end - margin
     borders = [*places, len(coarse) - 1]
@@ -129,9 +128,8 @@ def _cheapest(sums: Array, block: int, shortest: int, penalty: float) -> list[in
     best[0] = -penalty
     last = np.zeros(count + 1, dtype=np.intp)
     starts = np.zeros(0, dtype=np.intp)  # possible starts of the last segment
-    until = np.zeros(
-        0, dtype=np.intp
-    )  # end up to which a start is kept: a pruned start stays possible for `shortest` blocks
+    # end up to which a start is kept: a pruned start stays possible for `shortest` blocks
+    until = np.zeros(0, dtype=np.intp)
     for end in range(shortest, count + 1):
         newest = end - shortest
         if np.isfinite(best[newest]):

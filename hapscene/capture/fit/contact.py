@@ -266,9 +266,8 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
     start = np.clip(begin / scale, *bounds)
     made: Any = scipy.optimize.least_squares(residual_of, start, bounds=bounds, max_nfev=100)
     residual = np.asarray(made.fun)
-    count = max(
-        1.0, len(residual) * 2.0 * HAND_CUTOFF_HZ / rate_Hz - 4.0
-    )  # independent samples after the low-pass, minus parameters
+    # independent samples after the low-pass, minus parameters
+    count = max(1.0, len(residual) * 2.0 * HAND_CUTOFF_HZ / rate_Hz - 4.0)
     inverse = np.linalg.pinv(made.jac.T @ made.jac)
     variance = np.diag(inverse) * (residual**2).sum() / count
     left = force[edge:-edge]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Final
 
@@ -270,33 +271,15 @@ def _over_speed(blocks: _Blocks) -> tuple[dict[str, float], dict[str, tuple[floa
 
     The law is linear except in v_s, which is chosen from a grid. All is repeated without each stroke (row 0: with all).
     """
-    speed, ratio, count = blocks.speed, blocks.ratio, blocks.count
+    speed, count = blocks.speed, blocks.count
     slow, fast = np.quantile(speed, [0.02, 0.98])
-    if np.ptp(speed) == 0.0:
-        return {}, {}, "the speed was not recorded, or never changes"
-    if len(speed) < 20 or fast < SPEED_RANGE * slow:
-        return {}, {}, f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest (expected {SPEED_RANGE:g})"
-    if count < STROKES_MIN:
-        return {}, {}, f"the recording has too few strokes ({count}; expected at least {STROKES_MIN})"
+    if reason := _why_not_over_speed(blocks, slow, fast):
+        return {}, {}, reason
     scales = np.geomspace(max(0.5 * slow, 0.01 * fast), fast / FLAT, SCALES)
-    plain = np.stack([ratio * blocks.normal, blocks.normal, speed])
-    near = min((_curve(plain, v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
-    finer = near * np.geomspace(0.75, 1.33, 19)  # the robust weights need an accurate curve
-    weight = min((_curve(plain, v_s) for v_s in finer), key=lambda fit: fit[0])[2]
     counts = np.concatenate([np.ones((1, len(speed))), np.arange(count)[:, None] != blocks.stroke])
-    one, quantile = np.ones(len(speed)), float(scipy.stats.t.ppf(0.975, count - 1))
-
-    def best(*columns: Array) -> tuple[Array, Array]:
-        """Coefficients (k, rows) of the columns and of the Stribeck term, and v_s of each row."""
-        tried = scales
-        for _ in range(2):  # the second grid refines the first between the neighbours of the best
-            falls = np.exp(-((blocks.fine / tried[:, None, None]) ** 2)).mean(axis=2)
-            of_all = [_drawn(counts, weight, ratio, np.stack([*columns, fall])) for fall in falls]
-            at = np.argmin([error for _, error in of_all], axis=0)
-            found = np.array([of_all[i][0][k] for k, i in enumerate(at)]).T, tried[at]
-            low, high = tried[at].min() * scales[0] / scales[1], tried[at].max() * scales[1] / scales[0]
-            tried = np.geomspace(low, high, 2 * SCALES)
-        return found
+    weight, one = _robust_weight(blocks, scales), np.ones(len(speed))
+    best = partial(_best_scale, blocks, counts, weight, scales)
+    quantile = float(scipy.stats.t.ppf(0.975, count - 1))
 
     def half(values: Array) -> float:
         """Half-width of the 95 % interval of a coefficient (rows,)."""
@@ -327,7 +310,7 @@ def _over_speed(blocks: _Blocks) -> tuple[dict[str, float], dict[str, tuple[floa
         reason = ""
         found |= {"friction_dynamic": level, "friction_static": level + drop}
     if reason:
-        level, viscous = _drawn(counts, weight, ratio, np.stack([one, speed]))[0].T
+        level, viscous = _drawn(counts, weight, blocks.ratio, np.stack([one, speed]))[0].T
         grows = is_significant(viscous * fast, usual, CHANGE_MIN)
         found = {"friction_dynamic": level, "friction_viscous_s_m": viscous} if grows else {}
     numbers = {name: float(values[0]) for name, values in found.items()}
@@ -342,6 +325,37 @@ def _over_speed(blocks: _Blocks) -> tuple[dict[str, float], dict[str, tuple[floa
         numbers["friction_stribeck_m_s"], factor = float(scale[0]), float(np.exp(wide))
         intervals["friction_stribeck_m_s"] = float(scale[0]) / factor, float(scale[0]) * factor
     return numbers, intervals, reason
+
+
+def _why_not_over_speed(blocks: _Blocks, slow: float, fast: float) -> str:
+    """Why the recording, with speeds from slow to fast, does not give coefficients over speed; "" if it does."""
+    if np.ptp(blocks.speed) == 0.0:
+        return "the speed was not recorded, or never changes"
+    if len(blocks.speed) < 20 or fast < SPEED_RANGE * slow:
+        return f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest (expected {SPEED_RANGE:g})"
+    few = f"the recording has too few strokes ({blocks.count}; expected at least {STROKES_MIN})"
+    return few if blocks.count < STROKES_MIN else ""
+
+
+def _robust_weight(blocks: _Blocks, scales: Array) -> Array:
+    """Weight of each block (m,) from its distance to the curve that fits best."""
+    plain = np.stack([blocks.ratio * blocks.normal, blocks.normal, blocks.speed])
+    near = min((_curve(plain, v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
+    finer = near * np.geomspace(0.75, 1.33, 19)  # the robust weights need an accurate curve
+    return min((_curve(plain, v_s) for v_s in finer), key=lambda fit: fit[0])[2]
+
+
+def _best_scale(blocks: _Blocks, counts: Array, weight: Array, scales: Array, *columns: Array) -> tuple[Array, Array]:
+    """Coefficients (k, rows) of the columns and of the Stribeck term, and v_s of each row."""
+    tried = scales
+    for _ in range(2):  # the second grid refines the first between the neighbours of the best
+        falls = np.exp(-((blocks.fine / tried[:, None, None]) ** 2)).mean(axis=2)
+        of_all = [_drawn(counts, weight, blocks.ratio, np.stack([*columns, fall])) for fall in falls]
+        at = np.argmin([error for _, error in of_all], axis=0)
+        found = np.array([of_all[i][0][k] for k, i in enumerate(at)]).T, tried[at]
+        low, high = tried[at].min() * scales[0] / scales[1], tried[at].max() * scales[1] / scales[0]
+        tried = np.geomspace(low, high, 2 * SCALES)
+    return found
 
 
 def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:

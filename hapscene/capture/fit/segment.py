@@ -155,9 +155,8 @@ def segment(channels: Streams) -> Segmentation:
     rest = channels.speed_rest_m_s
     speed_on = rest + _speed_threshold(channels.speed_m_s, rest, rate) if by_speed else None
     contact = channels.force_N > 0.0 if force_on is None else _switched(channels.force_N, force_on, OFF * force_on)
-    contact = ~_without_brief(
-        ~contact, round(REST_S * rate)
-    )  # removes gaps due to the ringing of the low-pass after an impact
+    # removes gaps due to the ringing of the low-pass after an impact
+    contact = ~_without_brief(~contact, round(REST_S * rate))
     moving = channels.speed_m_s > 0.0
     if speed_on is not None:
         moving = _switched(channels.speed_m_s, speed_on, rest + OFF * (speed_on - rest))

@@ -78,9 +78,8 @@ def fit_stiffness(recordings: Sequence[SegmentedRecording]) -> Stiffness:
     sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings])
     half = float(jackknife_half(_deming(sums.sum(axis=0) - sums, ratio)))
     weight = _weight(depth, force, slope, ratio)
-    half *= float(
-        weight.mean() / np.mean(weight == 1.0)
-    )  # corrects for outliers: omitting data also changes the weights
+    # corrects for outliers: omitting data also changes the weights
+    half *= float(weight.mean() / np.mean(weight == 1.0))
     return Stiffness(slope, (slope - half, slope + half))
 
 

@@ -29,15 +29,7 @@ from hapscene.io.confined import confined
 from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
 from hapscene.io.number_files import TOO_MUCH, numbered, open_npz, read_table
 
-__all__ = [
-    "AXES",
-    "BYTES_MAX",
-    "Column",
-    "RecordingSource",
-    "check_range",
-    "read_mat",
-    "read_recording_source",
-]
+__all__ = ["AXES", "BYTES_MAX", "Column", "RecordingSource", "check_range", "read_mat", "read_recording_source"]
 
 BYTES_MAX: Final = 1 << 30
 """Largest file, and largest unpacked content, that is read [bytes]: 20 minutes of four columns at 10 kHz."""
@@ -47,7 +39,7 @@ VALUE_MAX: Final = 1e30
 
 AXES: Final = ("x", "y", "z")
 
-Column = NDArray[np.number[Any]]
+Column = NDArray[np.number]
 """Samples (n,) of any numeric type, as stored in the file; they are converted to float64 on use."""
 
 
@@ -184,7 +176,7 @@ _MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
 """Size of one number of each MATLAB class [bytes]."""
 
 
-def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
+def read_mat(file: Any, most_B: int) -> dict[str, NDArray[np.generic]]:
     """Numeric variables of a MATLAB file, and its `units`.
 
     Runs in a confined process, because SciPy may crash on a damaged file.
@@ -239,7 +231,7 @@ def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
     return RecordingSource(columns, rate_Hz, _units(arrays.get("units")), own_B=own_B)
 
 
-def _units(value: NDArray[Any] | None) -> dict[str, str]:
+def _units(value: NDArray[np.generic] | None) -> dict[str, str]:
     """Units as `hapscene capture record` writes them to an NPZ file: a list of "name=unit"."""
     if value is None or value.dtype.kind != "U":
         return {}

@@ -53,7 +53,7 @@ from hapscene.geometry import Vector, rigid
 from hapscene.records import Records
 
 
-def stand(p_WT_m: Sequence[float]) -> NDArray[np.float64]:
+def stand(p_WT_m: ArrayLike) -> NDArray[np.float64]:
     """Pose X_WD (4, 4) of a device whose tip is at `p_WT_m` (3,) in the nominal posture. z of W is up, the user is at
     −y."""
     X = np.eye(4)

@@ -5,7 +5,7 @@ import os
 import queue
 import threading
 from contextlib import suppress
-from typing import Any, Final
+from typing import Final
 
 from hapscene.errors import CaptureError
 from hapscene.wall_clock import CLOCK, Clock
@@ -63,7 +63,7 @@ class Port(DrainedPort):
 
         exclusive = True if os.name == "posix" else None
         try:
-            self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=exclusive)
+            self._serial = serial.Serial(name, baud, timeout=POLL_S, exclusive=exclusive)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise CaptureError(f"{name}: cannot open the port: {_reason(error)}{_ports()}") from None
         super().__init__(clock)

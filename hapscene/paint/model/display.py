@@ -8,7 +8,7 @@ subfaces here (the leaves of the subdivision tree of `hapscene.scene.fine_paint`
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -18,7 +18,7 @@ from hapscene.compiled.native import native
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
 from hapscene.paint.model.history import subface_hashes
-from hapscene.paint.model.mesh import PaintableMesh
+from hapscene.paint.model.mesh import PaintableMesh, Ray32, Row
 from hapscene.paint.model.painting import Changes, Painting, drop_unused_meshes
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEVEL_MAX, NOTHING, FinePaint, blend, parts
@@ -206,6 +206,8 @@ EXCESS: Final = 1.2
 
 Places = NDArray[np.float64]
 Faces = NDArray[np.int32]
+Ints = NDArray[np.integer]
+Mask = NDArray[np.bool_]
 
 
 class ChunkKey(NamedTuple):
@@ -470,7 +472,7 @@ class ShownBody:
 
 @native
 def mark_wrong(
-    swatch: Any, shown_swatch: Any, shown_of: Any, under: Any, faces: Any, pairs: Any, wrong: Any, beside: Any
+    swatch: Ints, shown_swatch: Ints, shown_of: Ints, under: Ints, faces: Ints, pairs: Ints, wrong: Mask, beside: Mask
 ) -> None:
     """Set `wrong` for faces whose shown face has another swatch, and for faces next to a border.
 
@@ -707,7 +709,7 @@ def _stand_for(
 
 @native
 def overlay_faces(
-    search: int, ray: Any, points_m: Any, normals: Any, shown_normals: Any, far_m: float, faces: Any, above_m: Any
+    search: int, ray: Ray32, points_m: Row, normals: Row, shown_normals: Row, far_m: float, faces: Ints, above_m: Row
 ) -> None:
     """Find the shown face above or below each point, along its normal.
 

@@ -361,9 +361,8 @@ class Document:
             check_scene_path(target)
             old = autosave = self.autosave
             if self._interval_s is not None and (old is None or not same):
-                autosave = Autosave(
-                    target, self._take_snapshot, self._interval_s
-                )  # locks the target before it is written
+                # locks the target before it is written
+                autosave = Autosave(target, self._take_snapshot, self._interval_s)
             try:
                 if not force:
                     self._check_target(target, same, autosave)

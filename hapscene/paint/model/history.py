@@ -5,11 +5,12 @@ from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.io.files import Json
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import NOTHING, FinePaint
 from hapscene.surface.swatch import Swatch
@@ -22,7 +23,6 @@ __all__ = [
     "Step",
     "SwatchDelta",
     "SwatchState",
-    "columns_of",
     "face_count_text",
     "pack_steps",
     "subface_hashes",
@@ -117,14 +117,9 @@ def subface_hashes(subfaces: FinePaint) -> NDArray[np.uint64]:
     return found * np.uint64(0xBF58476D1CE4E5B9)
 
 
-def columns_of(subfaces: FinePaint) -> tuple[NDArray[Any], ...]:
-    """The arrays of a `FinePaint`."""
-    return subfaces.face, subfaces.path, subfaces.edge, subfaces.level, subfaces.paint
-
-
 def pack_subfaces(subfaces: FinePaint) -> bytes:
     """Compress subfaces."""
-    return zlib.compress(b"".join(column.tobytes() for column in columns_of(subfaces)), 1) if len(subfaces) else b""
+    return zlib.compress(b"".join(column.tobytes() for column in subfaces.columns), 1) if len(subfaces) else b""
 
 
 def unpack_subfaces(packed: bytes) -> FinePaint:
@@ -132,7 +127,7 @@ def unpack_subfaces(packed: bytes) -> FinePaint:
     if not packed:
         return NOTHING
     content, found, at = zlib.decompress(packed), [], 0
-    types = [column.dtype for column in columns_of(NOTHING)]
+    types = [column.dtype for column in NOTHING.columns]
     count = len(content) // sum(kind.itemsize for kind in types)
     for kind in types:
         found.append(np.frombuffer(content, kind, count, at))
@@ -208,9 +203,9 @@ class Step:
         return STEP_BYTES + sum(delta.size for delta in self.faces) + sum(delta.size for delta in self.bodies)
 
 
-def pack_steps(steps: Sequence[Step]) -> list[Any]:
+def pack_steps(steps: Sequence[Step]) -> list[Json]:
     """The newest steps as JSON, back to one that changes bodies or parameters; swatches that they add are left out."""
-    found: list[Any] = []
+    found: list[Json] = []
     size = 0
     for step in reversed(steps):
         size += step.size
@@ -221,7 +216,7 @@ def pack_steps(steps: Sequence[Step]) -> list[Any]:
     return found
 
 
-def unpack_steps(packed: list[Any]) -> list[Step]:
+def unpack_steps(packed: list[Json]) -> list[Step]:
     """Reverse `pack_steps`."""
     return [
         Step(what, faces=tuple(FaceDelta(i, b64decode(a), n, (b64decode(b), b64decode(c))) for i, n, a, b, c in faces))

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,10 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Region, Tube
 from hapscene.scene.topology import connected, edges_of, normals_of, weld
 
-__all__ = [
-    "FACING_RAD",
-    "Hit",
-    "PaintableMesh",
-    "pick",
-    "project_to_surface",
-]
+__all__ = ["FACING_RAD", "Hit", "PaintableMesh", "pick", "project_to_surface"]
 
 Row = NDArray[np.float64]
+Ray32 = NDArray[np.float32]
 
 FACING_RAD: Final = math.radians(80.0)
 """Largest angle between the normal of a painted face and the normal under the brush [rad]. Below 90°, a brush near an
@@ -79,8 +74,8 @@ class PaintableMesh:
         start = origin + ahead * direction
         far = float(np.linalg.norm(start)) + 2.0 * self.search.radius_m
         arguments = self._fronts.ctypes.data if fronts else 0
-        args: tuple[Any, ...] = (tuple(start.tolist()), tuple(direction.tolist()), far, arguments)
-        face = int(first_face(self.search.handle, self._ray, *args))
+        x, y, z = start.tolist()
+        face = int(first_face(self.search.handle, self._ray, (x, y, z), tuple(direction.tolist()), far, arguments))
         if face < 0:
             return None
         distance = ahead + float(self._ray[8])

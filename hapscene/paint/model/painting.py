@@ -522,9 +522,8 @@ class Painting:
     def shape_of(self, mesh: Mesh) -> PaintableMesh:
         """The prepared form of a mesh, shared by all bodies with that mesh. Takes seconds for a large mesh."""
         known = self._made.get(id(mesh))
-        return known or self._made.setdefault(
-            id(mesh), PaintableMesh(mesh)
-        )  # it refers to the mesh: the id stays valid
+        # it refers to the mesh: the id stays valid
+        return known or self._made.setdefault(id(mesh), PaintableMesh(mesh))
 
     def _set_swatch(self, index: int, state: SwatchState | None) -> None:
         known = self.swatches[index].swatch.name if index < len(self.swatches) else None

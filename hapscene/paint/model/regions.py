@@ -1,7 +1,7 @@
 """Regions that tools paint: an oriented box, and the region behind an outline on the screen."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,7 @@ class Outline(Region):
 
 
 @native
-def signed_distance(places: Any, corners: Any, away: Any) -> None:
+def signed_distance(places: NDArray[np.float64], corners: NDArray[np.float64], away: NDArray[np.float64]) -> None:
     """Write the signed distance of points (n, 2) from a closed polygon (k, 2), negative inside, into `away` (n,)."""
     for i in range(len(places)):
         x, y = places[i, 0], places[i, 1]

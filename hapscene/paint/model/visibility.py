@@ -1,14 +1,14 @@
 """Visibility of a body from the eye. By default the tools paint only visible surface."""
 
 from collections.abc import Container, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.native import native
 from hapscene.contact.embree import first_face, fronts_only, new_ray
-from hapscene.paint.model.mesh import PaintableMesh
+from hapscene.paint.model.mesh import PaintableMesh, Ray32, Row
 from hapscene.scene.body import Body
 
 __all__ = ["Visibility", "visible_points"]
@@ -120,13 +120,12 @@ def visible_points(
 
 @native
 def mark_hidden_points(
-    search: int, ray: Any, points_m: Any, eye_m: Any, radius_m: float, arguments: int, seen: Any
+    search: int, ray: Ray32, points_m: Row, eye_m: Row, radius_m: float, arguments: int, seen: NDArray[np.bool_]
 ) -> None:
     """Clear `seen` (n,) for points (n, 3) hidden from `eye_m` (3,), both in the centred frame of the search [m]."""
     ex, ey, ez = eye_m[0], eye_m[1], eye_m[2]
-    ahead = max(
-        0.0, np.sqrt(ex * ex + ey * ey + ez * ez) - 1.01 * radius_m
-    )  # rays start near the mesh, where float32 has more digits
+    # rays start near the mesh, where float32 has more digits
+    ahead = max(0.0, np.sqrt(ex * ex + ey * ey + ez * ez) - 1.01 * radius_m)
     for i in range(len(points_m)):
         x, y, z = points_m[i, 0] - ex, points_m[i, 1] - ey, points_m[i, 2] - ez
         away = np.sqrt(x * x + y * y + z * z)

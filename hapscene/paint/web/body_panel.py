@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hapscene.constants import is_unitless
 from hapscene.errors import HapsceneError, MeshError, SceneError
 from hapscene.paint.model.composing import numbered
-from hapscene.paint.web.context import PageContext, aria, escape_html, set_html
+from hapscene.paint.web.context import Container, PageContext, aria, escape_html, set_html
 from hapscene.paint.web.view import rotation
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh
@@ -47,16 +47,12 @@ AXES: Final = "xyz"
 class BodyPanel:
     """Tree of bodies, and fields of the selected body.
 
-    Args:
-        context: the page.
-        container: the tab.
-
     Attributes:
         chosen: name of the selected body, or None.
         dragging: whether its transform handles are being dragged.
     """
 
-    def __init__(self, context: PageContext, container: Any) -> None:
+    def __init__(self, context: PageContext, container: Container) -> None:
         self._context = context
         self._composing = context.session.composing
         self.chosen: str | None = None
@@ -65,7 +61,7 @@ class BodyPanel:
         with container:
             self._tree = context.gui.add_html("")
             self._fields = context.gui.add_html("")
-        self._acts: Mapping[str, Callable[[str, str], Any]] = {
+        self._acts: Mapping[str, Callable[[str, str], object]] = {
             "choose": self._choose,
             "hide": lambda name, _: self._composing.hide(name, name not in context.session.painting.hidden),
             "lock": lambda name, _: self._composing.lock(name, name not in context.session.painting.locked),
@@ -83,7 +79,7 @@ class BodyPanel:
         self._what = ""
         self.show()
 
-    async def act(self, message: Mapping[str, Any]) -> None:
+    async def act(self, message: Mapping[str, object]) -> None:
         """Handle a message of a button or field of the tab.
 
         Raises:

@@ -6,9 +6,10 @@
 import html
 import inspect
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine, Hashable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from hapscene.errors import HapsceneError
 from hapscene.paint.model.session import Session
@@ -17,7 +18,25 @@ from hapscene.paint.web.socket import PageSocket
 from hapscene.paint.web.tools import Tools
 from hapscene.paint.web.view import SceneView
 
+if TYPE_CHECKING:
+    import viser
+    from viser._gui_handles import GuiModalHandle
+
 __all__ = ["ClientContext", "PageContext", "aria", "bounded", "card_html", "escape_html", "set_html"]
+
+Container: TypeAlias = AbstractContextManager[object]
+"""Tab or folder of viser."""
+
+Client: TypeAlias = "viser.ClientHandle"
+Event: TypeAlias = "viser.GuiEvent[Any]"
+Callback: TypeAlias = Callable[[Event], Coroutine[object, object, None]]
+
+
+class Control(Protocol):
+    """A control of viser, whose value comes from a page."""
+
+    label: str
+    value: Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,15 +52,15 @@ class PageContext:
         questions: open dialogs, the topmost last.
     """
 
-    server: Any
+    server: "viser.ViserServer"
     session: Session
     view: SceneView
     touch: TouchHand
     socket: PageSocket
     refresh: Callable[[], None]
     finish: Callable[[], None]
-    previews: dict[tuple[Any, ...], str] = field(default_factory=dict)
-    questions: list[Any] = field(default_factory=list)
+    previews: dict[tuple[Hashable, ...], str] = field(default_factory=dict)
+    questions: "list[GuiModalHandle]" = field(default_factory=list)
 
     @property
     def gui(self) -> Any:
@@ -52,13 +71,13 @@ class PageContext:
         """Show a message; `kind` is "error" or ""."""
         self.socket.say(text, kind)
 
-    def callback(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def callback(self, act: Callable[[Any], object]) -> Callback:
         """A viser callback that runs in the event loop and shows errors of `act` to the user.
 
         It ignores changes of values that the program makes itself.
         """
 
-        async def run(event: Any) -> None:
+        async def run(event: Event) -> None:
             if event.client is None:
                 return
             try:
@@ -71,7 +90,7 @@ class PageContext:
 
         return run
 
-    def ask(self, title: str, question: str, *choices: tuple[str, str | None, Callable[[], Any]]) -> None:
+    def ask(self, title: str, question: str, *choices: tuple[str, str | None, Callable[[], object]]) -> None:
         """Open a dialog with a question, which stays until an answer succeeds. Escape closes it without an answer.
 
         Args:
@@ -82,8 +101,8 @@ class PageContext:
         """
         modal = self.open_dialog(title)
 
-        def answer(act: Callable[[], Any]) -> Callable[[Any], Any]:
-            async def done(target: Any) -> None:
+        def answer(act: Callable[[], object]) -> Callback:
+            async def done(target: object) -> None:
                 result = act()
                 if inspect.isawaitable(result):
                     await result
@@ -98,12 +117,12 @@ class PageContext:
             for label, colour, act in choices:
                 self.gui.add_button(label, color=colour).on_click(answer(act))
 
-    def open_dialog(self, title: str) -> Any:
+    def open_dialog(self, title: str) -> "GuiModalHandle":
         """Open an empty dialog. Escape closes it."""
         self.questions.append(self.gui.add_modal(title))
         return self.questions[-1]
 
-    def close_dialog(self, dialog: Any) -> None:
+    def close_dialog(self, dialog: "GuiModalHandle") -> None:
         """Close a dialog unless it is closed already."""
         if dialog in self.questions:
             self.questions.remove(dialog)
@@ -116,10 +135,10 @@ class PageContext:
             return True
         return False
 
-    def downloading(self, make: Callable[[], Awaitable[tuple[str, bytes]]]) -> Callable[[Any], Any]:
+    def downloading(self, make: Callable[[], Awaitable[tuple[str, bytes]]]) -> Callback:
         """A viser callback that makes the browser of the user download a file, given by name and content."""
 
-        async def run(event: Any) -> None:
+        async def run(event: Event) -> None:
             if event.client is None:
                 return
             try:
@@ -139,7 +158,7 @@ class ClientContext(PageContext):
         tools: its tools.
     """
 
-    client: Any
+    client: Client
     tools: Tools
 
     @property
@@ -157,7 +176,7 @@ def escape_html(text: str) -> str:
     return html.escape(text, quote=True)
 
 
-def set_html(handle: Any, content: str) -> None:
+def set_html(handle: "viser.GuiHtmlHandle", content: str) -> None:
     """Set the content of an HTML element; nothing is sent if it is unchanged."""
     if handle.content != content:
         handle.content = content
@@ -168,7 +187,7 @@ def card_html(content: str, dim: bool = False) -> str:
     return content and f'<div class="hs-card{" dim" * dim}">{content}</div>'
 
 
-def bounded(value: Any, low: float, high: float, otherwise: float) -> float:
+def bounded(value: object, low: float, high: float, otherwise: float) -> float:
     """A value from a page, limited to a range; `otherwise` if it is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return otherwise

@@ -4,12 +4,12 @@ import asyncio
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from hapscene.errors import SaveConflict, SceneError
 from hapscene.exchange.format_registry import EXPORTS, export_scene, is_mesh_of, losses
 from hapscene.paint.model.document import Recovery
-from hapscene.paint.web.context import PageContext, card_html, escape_html, set_html
+from hapscene.paint.web.context import Container, PageContext, card_html, escape_html, set_html
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, save_bundle
 from hapscene.scene.scene_file import SUFFIX
 
@@ -34,13 +34,11 @@ class FilePanel:
     """Controls for saving, recovery, export, and sharing.
 
     Args:
-        context: the page.
-        container: the tab.
         path: present scene file.
         addresses: addresses that open the page from other computers; empty if it is private.
     """
 
-    def __init__(self, context: PageContext, container: Any, path: Path, addresses: Sequence[str]) -> None:
+    def __init__(self, context: PageContext, container: Container, path: Path, addresses: Sequence[str]) -> None:
         self._context = context
         self._path = path
         self._losses_of: object = None  # format and state of the scene for which the losses are shown
@@ -79,7 +77,7 @@ class FilePanel:
         session, path = self._context.session, Path(str(self._file.value).strip())
         await self._write(lambda force: f"Saved: {session.save(path, force)}")
 
-    async def _export(self, target: Any) -> None:
+    async def _export(self, target: object) -> None:
         if self._format.value not in EXPORTS:
             raise SceneError(f"unknown export format: choose one of {', '.join(EXPORTS)}")
         name, file = self._format.value, Path(str(self._target.value).strip())

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ __all__ = [
     "aim_point",
     "make_servo",
 ]
+
+Vector = NDArray[np.float64]
+Result = TypeVar("Result")
 
 
 class HandDevice(NamedTuple):
@@ -104,7 +107,7 @@ class HandConfig:
         handle = "no handle" if self.compensator == NO_HANDLE else f"{self.compensator} handle"
         return f"{self.device}, {self.grip} grip, {handle}"
 
-    def reaches(self, from_W_m: Any, p_W_m: Any) -> bool:
+    def reaches(self, from_W_m: Vector, p_W_m: Vector) -> bool:
         """Whether the tool, which started at `from_W_m` (3,), can reach `p_W_m` (3,) [m]; always for a point mass."""
         if not isinstance(HAND_DEVICES[self.device].model, Omni):
             return True
@@ -114,11 +117,9 @@ class HandConfig:
 
 def make_servo(scene: Scene, config: HandConfig, progress: Callable[[str], None], servo: type[Servo] = Servo) -> Servo:
     """A servo with a simulated hand; the device is placed for each touch so that it starts mid-workspace."""
-    handle: dict[str, Any] = {}
-    if config.compensator != NO_HANDLE:
-        handle = {"handle": Plant(), "compensator": config.compensator}
     model, limits = HAND_DEVICES[config.device].model, limits_of(config.limits, TICK_S)
-    return servo(scene, model, limits=limits, progress=progress, **handle)
+    make = partial(servo, scene, model, limits=limits, progress=progress)
+    return make() if config.compensator == NO_HANDLE else make(handle=Plant(), compensator=config.compensator)
 
 
 HOVER_M: Final = 0.002
@@ -147,8 +148,6 @@ ARM_ENDS: Final = (
     "End of the Omni's workspace, which extends 80 mm along x, 35 mm along y and 60 mm along z from where you pressed. "
     "Release and press again to continue here, or choose omni-point in the tab Haptics for an unlimited workspace."
 )
-
-Vector = NDArray[np.float64]
 
 
 class Contact(NamedTuple):
@@ -183,13 +182,13 @@ class TouchHand:
         self,
         say: Callable[[str, str], None],
         config: HandConfig,
-        servo: Callable[[Scene, HandConfig, Callable[[str], None]], Any] = make_servo,
+        servo: Callable[[Scene, HandConfig, Callable[[str], None]], Servo] = make_servo,
     ) -> None:
         self._say = say
         self._make = servo
         self._executor = ThreadPoolExecutor(1, "hapscene hand")
-        self._servo: Any = None
-        self._servo_made: Any = None
+        self._servo: Servo | None = None
+        self._servo_made: Servo | None = None
         self.status, self.problem, self.stage = "closed", "", "preparing"
         self.touching = False
         self.config = config
@@ -227,7 +226,7 @@ class TouchHand:
                 self._wanted, self._servo = None, servo
                 self._send()  # changes since the call
 
-    def _start(self, scene: Scene, config: HandConfig) -> Any:
+    def _start(self, scene: Scene, config: HandConfig) -> Servo:
         if self._servo_made is not None:
             self._servo_made.close()
         self._servo_made = self._make(scene, config, self._note_stage)  # stored at once, so that `close` can end it
@@ -252,7 +251,7 @@ class TouchHand:
         self._servo = self._servo_made = None
 
     @property
-    def servo(self) -> Any:
+    def servo(self) -> Servo | None:
         """The servo; None until it is ready."""
         return self._servo
 
@@ -269,7 +268,7 @@ class TouchHand:
         self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
         return True
 
-    async def _come_down(self, servo: Any, p_W_m: Vector) -> None:
+    async def _come_down(self, servo: Servo, p_W_m: Vector) -> None:
         try:
             await self._in_thread(partial(servo.start, p_W_m, self.config.grip))
         finally:
@@ -303,11 +302,11 @@ class TouchHand:
         if self._servo is not None and not self._starting and self._running:
             self._call(partial(self._lift_off, self._servo))
 
-    def _lift_off(self, servo: Any) -> None:
+    def _lift_off(self, servo: Servo) -> None:
         state = servo.state()
         servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
 
-    def read(self, now_s: float) -> tuple[ServoState, NDArray[Any], NDArray[Any]] | None:
+    def read(self, now_s: float) -> tuple[ServoState, Vector, Vector] | None:
         """State of the last tick, and force (n,) [N] and acceleration (n, block) [m/s²] since the last call.
 
         The acceleration is that of the handle, or the commanded one without a handle. Returns None while the hand is
@@ -389,7 +388,7 @@ class TouchHand:
         finally:
             self._sending = False
 
-    def _update_scene(self, servo: Any, scene: Scene) -> None:
+    def _update_scene(self, servo: Servo, scene: Scene) -> None:
         """Remove, add and move bodies of the servo, then update the painting. Called in the thread.
 
         A body whose mesh was scaled is removed and added again.
@@ -407,7 +406,7 @@ class TouchHand:
             self._servo_bodies[name] = body
         servo.repaint(scene)
 
-    def _start_task(self, work: Awaitable[Any]) -> None:
+    def _start_task(self, work: Awaitable[object]) -> None:
         """Start work without waiting for it; errors are shown to the user."""
 
         async def run() -> None:
@@ -425,7 +424,7 @@ class TouchHand:
             self._say(f"Simulated hand: {error}", "error")
 
     def _alive(self) -> bool:
-        if self._servo.alive:
+        if self._servo is not None and self._servo.alive:
             return True
         if self.status == "ready":
             self._fail("The process of the simulated hand has ended. To restart it, choose another device.")
@@ -435,7 +434,7 @@ class TouchHand:
         self.status, self.problem, self._running, self.touching = "failed", problem, False, False
         self._say(problem, "error")
 
-    def _call(self, order: Callable[[], Any]) -> None:
+    def _call(self, order: Callable[[], object]) -> None:
         """Call the servo, unless its process has ended, which is reported once."""
         if self._alive():
             try:
@@ -444,7 +443,7 @@ class TouchHand:
                 if self._alive():
                     raise
 
-    async def _in_thread(self, work: Callable[[], Any]) -> Any:
+    async def _in_thread(self, work: Callable[[], Result]) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
 

@@ -1,6 +1,7 @@
 """The tab Haptics: device, grip and handle of the simulated hand, and the parameters of the selected swatch."""
 
 import math
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -8,7 +9,7 @@ from typing import Any, Final
 from hapscene.errors import SwatchError
 from hapscene.paint.model.composing import numbered
 from hapscene.paint.model.tuning import Parameter
-from hapscene.paint.web.context import ClientContext, PageContext, bounded, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, Control, PageContext, bounded, card_html, escape_html, set_html
 from hapscene.paint.web.hand import COMPENSATOR_HINTS, GRIP_NAMES, HAND_DEVICES
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.surface.swatch import Swatch
@@ -21,14 +22,9 @@ LAST: Final = 1e9
 
 
 class HandPanel:
-    """Controls for device, grip and handle.
+    """Controls for device, grip and handle."""
 
-    Args:
-        context: the page.
-        container: the tab.
-    """
-
-    def __init__(self, context: PageContext, container: Any) -> None:
+    def __init__(self, context: PageContext, container: AbstractContextManager[object]) -> None:
         self._context = context
         gui, callback, config = context.gui, context.callback, context.touch.config
         with container, gui.add_folder("Simulated hand", order=LAST):
@@ -57,11 +53,11 @@ class HandPanel:
         hint = COMPENSATOR_HINTS[self._context.touch.config.compensator]
         self._output.content = card_html(f"Sound and plots show {escape_html(hint)}.")
 
-    def _choose_grip(self, target: Any) -> None:
+    def _choose_grip(self, target: Control) -> None:
         touch = self._context.touch
         touch.config = replace(touch.config, grip=target.value)
 
-    async def _choose(self, what: str, target: Any) -> None:
+    async def _choose(self, what: str, target: Control) -> None:
         """Change the device or the handle, which restarts the hand."""
         session, touch = self._context.session, self._context.touch
         touch.config = replace(touch.config, **{what: target.value})
@@ -86,18 +82,13 @@ NAME_MAX: Final = 24
 
 
 class ParameterPanel:
-    """Sliders for the parameters of the selected swatch.
+    """Sliders for the parameters of the selected swatch."""
 
-    Args:
-        context: the browser.
-        container: the tab.
-    """
-
-    def __init__(self, context: ClientContext, container: Any) -> None:
+    def __init__(self, context: ClientContext, container: AbstractContextManager[object]) -> None:
         self._context = context
         self._container = container
-        self._shown: tuple[Any, ...] = ()
-        self._sliders: dict[str, Any] = {}
+        self._shown: tuple[object, ...] = ()
+        self._sliders: dict[str, Control] = {}
         with container:
             self._head = context.gui.add_html("")
             self._folder: Any = None
@@ -136,7 +127,9 @@ class ParameterPanel:
         gui, callback, name = self._context.gui, self._context.callback, swatch.name
         self._clear()
         with self._container:
-            self._folder = gui.add_folder(f"Parameters of {_short(name)}")
+            self._folder = gui.add_folder(
+                f"Parameters of {name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + '…'}"
+            )
             with self._folder:
                 expert = gui.add_folder("Expert", expand_by_default=False, order=LAST) if found else self._folder
         for p in sorted(found, key=lambda p: PLAIN.index(p.name) if p.name in PLAIN else len(PLAIN)):
@@ -172,7 +165,7 @@ class ParameterPanel:
         self._folder, self._sliders, self._shown = None, {}, ()
         set_html(self._head, card_html(text))
 
-    def _tune(self, p: Parameter, target: Any) -> None:
+    def _tune(self, p: Parameter, target: Control) -> None:
         value = bounded(target.value, p.minimum, p.maximum, p.value)
         numbers, tools = {p.name: value}, self._context.tools
         if p.name == "friction_dynamic" and tools.swatch is not None:  # keeps the ratio of the two coefficients
@@ -181,16 +174,16 @@ class ParameterPanel:
             numbers["friction_static"] = max(ratio, 1.0) * value
         self._context.session.tune(tools.ensure_swatch(), **numbers)
 
-    def _recolour(self, target: Any) -> None:
+    def _recolour(self, target: Control) -> None:
         red, green, blue = target.value
         colour = red / 255, green / 255, blue / 255
         self._context.session.tuning.recolour(self._context.tools.ensure_swatch(), colour)
 
-    def _reset(self, target: Any) -> None:
+    def _reset(self, target: Control) -> None:
         if not self._context.session.tuning.reset(self._context.tools.ensure_swatch()):
             self._context.say("The parameters already have their original values.")
 
-    def _copy(self, target: Any) -> None:
+    def _copy(self, target: Control) -> None:
         session, name = self._context.session, self._new_name()
         index = session.tuning.copy_swatch(self._context.tools.ensure_swatch(), name)
         self._context.tools.choose_swatch(name, session.scene.swatches[index])
@@ -201,7 +194,7 @@ class ParameterPanel:
             raise SwatchError("the new swatch has no name: enter a name in the field New name")
         return name
 
-    def _save(self, target: Any) -> None:
+    def _save(self, target: Control) -> None:
         name = self._new_name()
         index = self._context.tools.ensure_swatch()
         file = self._context.session.tuning.save_swatch_as(index, name)
@@ -221,11 +214,6 @@ def _step(span: float) -> float:
 def _rounded(value: float) -> float:
     """A value rounded as a field shows it."""
     return float(f"{value:.{FIGURES}g}")
-
-
-def _short(name: str) -> str:
-    """A name, cut to `NAME_MAX` characters."""
-    return name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + "…"
 
 
 BUTTONS: Final = (

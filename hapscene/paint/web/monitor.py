@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ class Loudness:
         self._swatch: Swatch | None = None
         self._target = 1.0
 
-    def take(self, a_m_s2: NDArray[Any], swatch: Swatch | None, duration_s: float) -> tuple[float, float]:
+    def take(self, a_m_s2: NDArray[np.float64], swatch: Swatch | None, duration_s: float) -> tuple[float, float]:
         """Return the gains of the first and last sample of an acceleration; `swatch` is None without contact."""
         if swatch is not self._swatch:
             self._swatch = swatch

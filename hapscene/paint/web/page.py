@@ -16,7 +16,7 @@ from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.model.display import Display
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.body_panel import BESIDE, MESHES, BodyPanel
-from hapscene.paint.web.context import ClientContext, PageContext
+from hapscene.paint.web.context import Client, ClientContext, PageContext
 from hapscene.paint.web.file_panel import FilePanel
 from hapscene.paint.web.hand import HandConfig, TouchHand
 from hapscene.paint.web.haptics_panel import HandPanel, ParameterPanel
@@ -169,7 +169,7 @@ class Page:
             await asyncio.wait_for(self._page_shown.wait(), SHOWN_S)
         await self.context.touch.open(self.context.session.painting.snapshot())
 
-    def _start(self, task: Coroutine[Any, Any, None]) -> "Future[None]":
+    def _start(self, task: Coroutine[object, object, None]) -> "Future[None]":
         """Run a task in the event loop until the page closes."""
         running = asyncio.run_coroutine_threadsafe(task, self._loop)
         self._ends.callback(running.cancel)
@@ -353,7 +353,7 @@ class Page:
         """Handle connection and disconnection of browsers."""
 
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
-        async def add(client: Any) -> None:
+        async def add(client: Client) -> None:
             common, name = self.context, client.client_id
             marks = ToolMarks(client.scene, common.view, common.session.painting)
             tools = self._parted.pop() if self._parted else Tools(common.session, common.view, common.touch)
@@ -365,7 +365,7 @@ class Page:
             self._loop.call_later(DRAWN_S, self._page_shown.set)
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
-        async def remove(client: Any) -> None:
+        async def remove(client: Client) -> None:
             self._body_panel.dragging = False
             panels = self.clients.pop(client.client_id, None)
             if panels is not None:

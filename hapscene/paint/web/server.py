@@ -22,10 +22,14 @@ import threading
 import warnings
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from importlib import resources
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from hapscene.errors import ViewError
 from hapscene.web.listener import refusal_reason
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
 
 __all__ = ["SOCKET_PATH", "PageServer", "button_hints", "host_names", "own_addresses"]
 
@@ -74,7 +78,7 @@ TOKEN_BYTES: Final = 16
 Answer = tuple[http.HTTPStatus, str, bytes]
 """Status, MIME type and content."""
 
-Handler = Callable[[Any], Awaitable[None]]
+Handler: TypeAlias = "Callable[[ServerConnection], Awaitable[None]]"
 
 _patching = threading.Lock()
 
@@ -127,9 +131,8 @@ class PageServer:
         self.handlers: dict[str, Handler] = {}
         self._names, self._token, self._files = host_names(host), secrets.token_urlsafe(TOKEN_BYTES), _static_files()
         self._admitted, self._closed = asyncio.Event(), False
-        warnings.filterwarnings(
-            "ignore", "Queued a .* on a closed connection"
-        )  # the page shows changes to all browsers
+        # the page shows changes to all browsers
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
         _check_host(host)
         with self._guarding(host not in LOOPBACK):
             self.viser = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
@@ -191,7 +194,7 @@ class PageServer:
         log.addHandler(logging.NullHandler())
 
         def serve(viser_handler: Handler, *place: Any, process_request: Any, **options: Any) -> Any:
-            def respond(connection: Any, request: Any) -> Any:
+            def respond(connection: "ServerConnection", request: "Request") -> "Response | None":
                 found = self._answer(request, public, lambda: process_request(connection, request))
                 if not isinstance(found, tuple):
                     return found
@@ -201,9 +204,11 @@ class PageServer:
                 headers |= {"Referrer-Policy": "no-referrer"}
                 return Response(int(status), status.phrase, Headers(headers), content)
 
-            async def route(connection: Any) -> None:
+            async def route(connection: "ServerConnection") -> None:
                 await self._admitted.wait()
-                await self.handlers.get(connection.request.path, viser_handler)(connection)
+                await self.handlers.get(connection.request.path if connection.request else "", viser_handler)(
+                    connection
+                )
 
             options |= {"logger": log, "max_size": FRAME_BYTES_MAX}
             return real(route, *place, process_request=respond, **options)
@@ -215,7 +220,7 @@ class PageServer:
             finally:
                 asyncio_server.serve = real  # type: ignore[misc]
 
-    def _answer(self, request: Any, public: bool, of_viser: Callable[[], Any]) -> Any:
+    def _answer(self, request: "Request", public: bool, relay: "Callable[[], Response]") -> "Answer | Response | None":
         """An `Answer`, a response of viser, or None for a WebSocket that is accepted."""
         upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
         try:
@@ -235,10 +240,10 @@ class PageServer:
             return None
         if path in ("/", "/index.html"):
             request.headers.pop("Accept-Encoding", None)
-            page = of_viser().body.replace(b"<head>", b"<head>" + HEAD, 1)
+            page = bytes(relay().body).replace(b"<head>", b"<head>" + HEAD, 1)
             return http.HTTPStatus.OK, "text/html; charset=utf-8", page
         try:
-            return of_viser()
+            return relay()
         except OSError:  # for example, the file name is too long
             return http.HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"no such file"
 

@@ -8,14 +8,17 @@ import shutil
 import tempfile
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HapsceneError
-from hapscene.io.files import short
+from hapscene.io.files import Json, short
 from hapscene.paint.web.view import Pointer
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
 
 __all__ = [
     "UPLOAD_PATH",
@@ -38,7 +41,8 @@ BACKLOG_BYTES_MAX: Final = 500_000
 PIXEL_MAX: Final = 1e5
 """Largest canvas that is accepted [pixels]."""
 
-Message = Mapping[str, Any]
+Message = Mapping[str, Json]
+Samples = NDArray[np.float64]
 
 
 class PageSocket:
@@ -51,10 +55,10 @@ class PageSocket:
 
     def __init__(self, act: Callable[[Message], Awaitable[None]], state: Callable[[int], Message]) -> None:
         self._act, self._state = act, state
-        self._sockets: dict[Any, int] = {}  # with the number of the page
-        self._sent: dict[Any, Message] = {}  # last state of each page
+        self._sockets: dict[ServerConnection, int] = {}  # with the number of the page
+        self._sent: dict[ServerConnection, Message] = {}  # last state of each page
 
-    async def serve(self, connection: Any) -> None:
+    async def serve(self, connection: "ServerConnection") -> None:
         """Handle the messages of a page in order until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
@@ -88,14 +92,12 @@ class PageSocket:
         """Show a message on a page, or on all pages; `kind` is "error" or ""."""
         self._broadcast(json.dumps({"say": text, "kind": kind}), client)
 
-    def trace(
-        self, force_N: NDArray[Any], a_m_s2: NDArray[Any], tick_s: float, gains: tuple[float, float] = (1.0, 1.0)
-    ) -> None:
+    def trace(self, force_N: Samples, a_m_s2: Samples, tick_s: float, gains: tuple[float, float] = (1.0, 1.0)) -> None:
         """Plot and play touch: force (n,) [N] and acceleration (n, block) [m/s²], played with first to last gain."""
         head = (1.0, tick_s, len(force_N), a_m_s2.shape[1], *gains)
         self._broadcast(np.concatenate((head, force_N, a_m_s2.ravel())).astype("<f4").tobytes())
 
-    def sound(self, a_m_s2: NDArray[Any], rate_Hz: float, start: int, gain: float, client: int) -> None:
+    def sound(self, a_m_s2: Samples, rate_Hz: float, start: int, gain: float, client: int) -> None:
         """Plot an acceleration (n,) [m/s²] on a page, and play it at once, with a gain from the sample `start` on."""
         self._broadcast(np.concatenate(((2.0, rate_Hz, start, gain), a_m_s2)).astype("<f4").tobytes(), client)
 
@@ -104,7 +106,7 @@ class PageSocket:
             if client is None or number == client:
                 self._send_to(connection, content)
 
-    def _send_to(self, connection: Any, content: str | bytes) -> None:
+    def _send_to(self, connection: "ServerConnection", content: str | bytes) -> None:
         from websockets.asyncio.server import broadcast
 
         waits = connection.transport.get_write_buffer_size()
@@ -117,7 +119,7 @@ class PageSocket:
             broadcast([connection], content)
 
 
-def parse(raw: str | bytes) -> dict[str, Any] | None:
+def parse(raw: str | bytes) -> dict[str, Json] | None:
     """Parse a message, a JSON object with a string "do"; None for anything else."""
     if not isinstance(raw, str) or len(raw) > MESSAGE_BYTES_MAX:
         return None
@@ -190,7 +192,7 @@ class Uploads:
         """Register the handler of files with these suffixes."""
         self._takers.append((tuple(suffixes), taker))
 
-    async def serve(self, connection: Any) -> None:
+    async def serve(self, connection: "ServerConnection") -> None:
         """Receive one upload and pass its files to their handlers."""
         if self._running >= UPLOADS_MAX:
             self._say("Too many uploads at the same time: wait until they finish, then try again.", "error")
@@ -210,7 +212,7 @@ class Uploads:
             self._running -= 1
             shutil.rmtree(folder, ignore_errors=True)
 
-    async def _receive(self, connection: Any, folder: Path) -> tuple[list[Path], int]:
+    async def _receive(self, connection: "ServerConnection", folder: Path) -> tuple[list[Path], int]:
         """The files of an upload, empty if it was interrupted or invalid, and the number of the page."""
         from websockets.exceptions import ConnectionClosed
 
@@ -242,13 +244,13 @@ class Uploads:
         return next((taker for suffixes, taker in self._takers if suffix in suffixes), None)
 
 
-def parse_file_list(text: Any) -> tuple[Mapping[str, int], int] | str:
+def parse_file_list(text: object) -> tuple[Mapping[str, int], int] | str:
     """Names and sizes of the files of an upload, and the number of the page; or an error message."""
     try:
         if not isinstance(text, str) or len(text) > 100_000:
             return INVALID_LIST
         message = json.loads(text)
-        files: Any = message["files"]
+        files = message["files"]
         wanted = {safe_name(str(file["name"])): file["size"] for file in files}
     except (ValueError, TypeError, KeyError, RecursionError):
         return INVALID_LIST

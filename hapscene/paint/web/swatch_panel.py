@@ -8,15 +8,15 @@ from concurrent.futures import Future
 from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
-from hapscene.paint.web.context import ClientContext, aria, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, Container, Control, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.material import read_picture
 from hapscene.surface.look import Look, picture_png
-from hapscene.surface.swatch import touched_with
+from hapscene.surface.swatch import Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX, read_swatch
 from hapscene.swatches import library
 from hapscene.swatches.picture import ball_png
@@ -35,6 +35,9 @@ BALLS_AT_ONCE: Final = 9
 LOOK: Final = ".look"
 """Suffix that the page adds to an uploaded picture for the selected swatch."""
 
+Key = tuple[str, str, int, str | None]
+"""What a preview depends on; the last item is the colour."""
+
 DELETE: Final = "Delete"
 CONFIRM_DELETE: Final = "Delete permanently? Scenes that use it will lack it"
 
@@ -51,16 +54,12 @@ class SwatchPanel:
     """Swatch library panel: a card for each swatch, and details and actions of the selected one.
 
     The cards are custom HTML, whose buttons call `act` through swatch_library.js.
-
-    Args:
-        context: the browser.
-        container: the tab.
     """
 
-    def __init__(self, context: ClientContext, container: Any) -> None:
+    def __init__(self, context: ClientContext, container: Container) -> None:
         self._context = context
         self._cards: list[Card] = []
-        self._shown_for: tuple[Any, ...] = ()
+        self._shown_for: tuple[object, ...] = ()
         self._drawing: Future[None] | None = None
         self._shown_cards: Sequence[Card] = ()
         gui, callback = context.gui, context.callback
@@ -91,7 +90,7 @@ class SwatchPanel:
         if reload:
             self._cards = self._all()
         elif swatches:  # reading the library again would take long
-            new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
+            new: dict[int | None, Swatch] = {index: scene.swatches[index] for index in swatches}
             self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
         wanted = (self._context.tools.chosen, self._search.value)
         if not (reload or swatches) and wanted == self._shown_for:
@@ -139,15 +138,15 @@ class SwatchPanel:
             loop = self._context.server.get_event_loop()
             self._drawing = asyncio.run_coroutine_threadsafe(self._draw(missing, shown), loop)
 
-    async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
+    async def _draw(self, missing: Sequence[tuple[Key, Card]], shown: Sequence[Card]) -> None:
         for key, card in missing[:BALLS_AT_ONCE]:
             self._context.previews[key] = await asyncio.to_thread(_ball, card, key[-1])
         if shown is self._shown_cards:  # a cancellation may come too late to stop the previews of an earlier list
             self._drawing = None
             self._show_cards(shown)  # renders the next ones
 
-    def _ball_key(self, card: Card) -> tuple[Any, ...]:
-        """Cache key of a preview: everything that it depends on; the last item is the colour."""
+    def _ball_key(self, card: Card) -> Key:
+        """Cache key of a preview."""
         colours = self._context.view.colours
         colour = None if card.index is None else colours[card.index]
         return (card.name, card.entry.sha256, id(card.source) if card.index is not None else 0, colour)
@@ -200,7 +199,7 @@ class SwatchPanel:
         """Colour of a swatch for CSS; "" if there is no swatch of that name."""
         return next((self._colour(card) for card in self._cards if card.name == name), "")
 
-    def _card(self, name: Any) -> Card:
+    def _card(self, name: object) -> Card:
         found = next((card for card in self._cards if card.name == name), None)
         if found is None:
             raise SwatchError(no_such("swatch", str(name), (card.name for card in self._cards)))
@@ -208,7 +207,7 @@ class SwatchPanel:
 
     # --- actions ---
 
-    async def act(self, message: Mapping[str, Any]) -> None:
+    async def act(self, message: Mapping[str, object]) -> None:
         """Handle a message of a button of the panel.
 
         Raises:
@@ -242,14 +241,14 @@ class SwatchPanel:
         gui, callback = self._context.gui, self._context.callback
         modal = self._context.open_dialog(f"Edit {card.name}")
 
-        def save(target: Any) -> None:
+        def save(target: object) -> None:
             new = str(name.value).strip()
             tagged = str(tags.value).split(",")
             library.edit(card.name, new_name=new, tags=tagged, inside=str(folder.value).strip())
             self._let_go(card, new)
             self._context.close_dialog(modal)
 
-        def delete(target: Any) -> None:
+        def delete(target: Control) -> None:
             if target.label == DELETE:
                 target.label = CONFIRM_DELETE
                 return

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, Final
 
 from hapscene.paint.model.session import FILLS
-from hapscene.paint.web.context import ClientContext, bounded, card_html, set_html
+from hapscene.paint.web.context import ClientContext, Container, Control, bounded, card_html, set_html
 from hapscene.paint.web.tools import RADIUS_SHARE, REGIONS, STROKES
 from hapscene.view.feel_layer import SHOWS
 
@@ -29,14 +29,9 @@ FORCE_N: Final = (0.1, 3.0)
 
 
 class ToolPanel:
-    """Controls of the tools of a browser; those of the current tool are visible.
+    """Controls of the tools of a browser; those of the current tool are visible."""
 
-    Args:
-        context: the browser.
-        container: the tab.
-    """
-
-    def __init__(self, context: ClientContext, container: Any) -> None:
+    def __init__(self, context: ClientContext, container: Container) -> None:
         self._context = context
         gui, tools = context.gui, context.tools
         self._sliders: list[tuple[Any, str, float]] = []  # handle, attribute of the tools, factor to the shown value
@@ -117,11 +112,11 @@ class ToolPanel:
     def _listen(self) -> None:
         callback, tools, view = self._context.callback, self._context.tools, self._context.view
 
-        def choose(attribute: str, choices: tuple[Any, ...], target: Any) -> None:
+        def choose(attribute: str, choices: tuple[object, ...], target: Control) -> None:
             if target.value in choices:
                 setattr(tools, attribute, target.value)
 
-        def show_layers(target: Any) -> None:
+        def show_layers(target: Control) -> None:
             if target.value in SHOWS:
                 view.show_layers(target.value)
 

@@ -13,7 +13,7 @@ from hapscene.paint.model.regions import Outline
 from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Session
 from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.web.hand import TouchHand
-from hapscene.paint.web.view import Pointer, SceneView, ToolMarks
+from hapscene.paint.web.view import Pointer, SceneView, ToolMarks, Vector
 from hapscene.surface.swatch import PLAIN, SwatchLike
 from hapscene.view.feel_layer import OPACITY
 
@@ -41,7 +41,7 @@ class LassoOutline:
         if len(self.corners) > CORNERS_MAX:
             del self.corners[1:-1:2]
 
-    def take(self, view: SceneView, pointer: Pointer) -> tuple[Any, Any] | None:
+    def take(self, view: SceneView, pointer: Pointer) -> tuple[Callable[[Vector], Outline], Vector] | None:
         """Return the region inside the outline and the eye, and clear the outline; None if it has no area.
 
         The region is a function of the map from W to the frame of the region.
@@ -104,7 +104,7 @@ class Tools:
         self._stroke: Stroke | None = None
         self._start: Hit | None = None
         self._last: Hit | None = None
-        self._eye_W_m: Any = None
+        self._eye_W_m: Vector | None = None
         self._before = 0  # state of the history when the button was pressed
 
     def attach(self, marks: ToolMarks, say: Callable[[str], None]) -> None:
@@ -300,13 +300,13 @@ class Tools:
         count = self._session.fill_at(hit, self.fill, swatch, self.angle_rad)
         self._say(f"{face_count_text(count)} painted." if count else self._why_nothing())
 
-    def _contact(self, hit: Hit, direction_W: Any) -> tuple[Any, Any, float, float]:
+    def _contact(self, hit: Hit, direction_W: Vector) -> tuple[Vector, Vector, float, float]:
         """Position, outward normal, force and stiffness for the hand."""
         nhat = hit.nhat_W if float(hit.nhat_W @ direction_W) <= 0.0 else -hit.nhat_W
         stiffness = self._session.tuning.parameters(self._session.swatch_at(hit))[0].given
         return hit.p_W_m, nhat, self.force_N, stiffness
 
-    def _box(self) -> tuple[Any, Any]:
+    def _box(self) -> tuple[Vector, Vector]:
         """Pose and size of the box between the press and the present position, along the axes of the body."""
         assert self._start is not None and self._last is not None
         R_WB = self._session.scene.bodies[self._start.body].X_WB[:3, :3]
@@ -317,7 +317,7 @@ class Tools:
         margin_m = self.radius_m if not way_B.any() else self.margin_m
         return X_WK, np.abs(way_B) + 2 * margin_m
 
-    def _sphere(self) -> tuple[Any, float]:
+    def _sphere(self) -> tuple[Vector, float]:
         """Centre and radius of the sphere from the press to the present position."""
         assert self._start is not None and self._last is not None
         radius = math.dist(self._start.p_W_m, self._last.p_W_m)

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.exchange.gltf import look_glb, picture_glb
 from hapscene.loop import ServoState
@@ -20,6 +20,9 @@ from hapscene.view.feel_layer import OPACITY, Show, grain_of
 from hapscene.view.figure_parts import STYLUS, TOOL_LENGTH, TOOL_R_WT
 from hapscene.view.palette import FORCE, LIGHT, OKABE_ITO, distinct_colours, linear, rgb
 from hapscene.view.triangles import facing, lathe
+
+if TYPE_CHECKING:
+    import viser
 
 __all__ = ["VIEWS", "Pointer", "SceneView", "ToolMarks", "rgb_bytes", "rotation"]
 
@@ -59,6 +62,7 @@ ROOM: Final = 1.1
 """Distance of the eye from framed bodies, relative to the distance at which they would just fit [1]."""
 
 Vector = NDArray[np.float64]
+Camera: TypeAlias = "viser.CameraHandle | viser.InitialCameraConfig"
 
 
 @dataclass(frozen=True)
@@ -77,11 +81,11 @@ class BodyFrame(NamedTuple):
     handle of the textured mesh below the paint.
     """
 
-    node: Any
+    node: "viser.FrameHandle"
     number: int
     shown: ShownBody
-    layers: dict[int, dict[tuple[int, int], Any]]
-    look: Any = None
+    layers: dict[int, dict[tuple[int, int], "viser.MeshHandle"]]
+    look: "viser.GlbHandle | None" = None
 
 
 class SceneView:
@@ -100,7 +104,7 @@ class SceneView:
         show: visible layers: look, the materials of the mesh files; feel, the paint; or both.
     """
 
-    def __init__(self, server: Any, painting: Painting, display: Display) -> None:
+    def __init__(self, server: "viser.ViserServer", painting: Painting, display: Display) -> None:
         self._server = server
         self._painting = painting
         self._measure()
@@ -109,8 +113,8 @@ class SceneView:
         self.show: Show = "both"
         self._frames: dict[int, BodyFrame] = {}  # by id of the `ShownBody`
         self._frame_count = 0
-        self._handles: Any = None
-        self._grains: dict[int, tuple[Any, Any, float]] = {}  # by swatch: appearance, handle of its picture, gain
+        self._handles: viser.TransformControlsHandle | None = None
+        self._grains: dict[int, tuple[object, viser.GlbHandle | None, float]] = {}  # appearance, picture, gain
         self._place_camera()
         self._light()
         self._make_marks()
@@ -158,7 +162,7 @@ class SceneView:
             self._grains[index] = key, handle, gain
 
     @property
-    def grain(self) -> dict[str, Any]:
+    def grain(self) -> dict[str, dict[int, dict[int, float]] | dict[int, float]]:
         """Side of a grain's tile by number of the body and swatch [m], and the factor of each picture."""
         scene = self._painting.scene
         found = {i: gain for i, (_, handle, gain) in self._grains.items() if handle and i < len(scene.swatches)}
@@ -204,14 +208,14 @@ class SceneView:
             node.wxyz, node.position = quaternion(body.X_WB[:3, :3]), self.to_view(body.X_WB[:3, 3])
             node.visible = body.name not in self._painting.hidden
 
-    def _add_look(self, index: int, number: int) -> Any:
+    def _add_look(self, index: int, number: int) -> "viser.GlbHandle | None":
         """Add the textured mesh of a body to its frame; None if it has no textures."""
         shown = self.display.bodies[index]
         if not shown.textured:
             return None
         glb = look_glb(shown.look_mesh(), self._painting.scene.bodies[index].two_sided)
-        more = {"scale": self.scale, "visible": self.show != "feel", "cast_shadow": False, "receive_shadow": False}
-        return self._server.scene.add_glb(f"/body/{number}/look", glb, **more)
+        seen, add = self.show != "feel", self._server.scene.add_glb
+        return add(f"/body/{number}/look", glb, scale=self.scale, visible=seen, cast_shadow=False, receive_shadow=False)
 
     def show_layers(self, show: Show) -> None:
         """Show the materials of the mesh files, the paint, or both."""
@@ -296,7 +300,7 @@ class SceneView:
 
     # --- between W and the view ---
 
-    def to_view(self, p_W_m: Any) -> Vector:
+    def to_view(self, p_W_m: ArrayLike) -> Vector:
         """Points (…, 3) in W [m] in the coordinates of viser."""
         return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self.scale)
 
@@ -361,7 +365,7 @@ class SceneView:
             self._handles = self._server.scene.add_transform_controls("/handles", size, depth_test=False)
 
             @self._handles.on_update  # type: ignore[untyped-decorator, unused-ignore]
-            async def report(event: Any) -> None:
+            async def report(event: "viser.TransformControlsEvent") -> None:
                 wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
                 if np.linalg.norm(wxyz) > 0.5:
                     X[:3, :3] = scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
@@ -382,7 +386,7 @@ class SceneView:
         self._server.initial_camera.fov = FOV_RAD
         self.look(self._server.initial_camera)
 
-    def look(self, camera: Any, bodies: Sequence[Body] = (), aspect: float = 1.0, name: str = "perspective") -> None:
+    def look(self, camera: Camera, bodies: Sequence[Body] = (), aspect: float = 1.0, name: str = "perspective") -> None:
         """Move a camera so that bodies fit into the view.
 
         Args:
@@ -419,9 +423,10 @@ class SceneView:
         )
         self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
         up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
-        head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
         force = rgb_bytes(linear(rgb(FORCE)))  # viser expects linear light for arrows
-        self._arrow = scene.add_arrows("/mark/force", up, force, **head)
+        self._arrow = scene.add_arrows(
+            "/mark/force", up, force, shaft_radius=size / 4, head_radius=size / 1.6, head_length=0.25
+        )
         for mark in (self._tool, self._proxy, self._arrow):
             mark.visible = False
 
@@ -435,16 +440,16 @@ class ToolMarks:
         painting: painted scene.
     """
 
-    def __init__(self, scene: Any, view: SceneView, painting: Painting) -> None:
+    def __init__(self, scene: "viser.SceneApi", view: SceneView, painting: Painting) -> None:
         self._view, self._painting = view, painting
         ink = _rgb(OKABE_ITO["purple"])
         dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # visible on every colour
-        line = {"thickness": 2.5, "thickness_units": "screen"}
         ring, colours = np.zeros((RING_COUNT, 2, 3), np.float32), np.repeat(dashes, 6).reshape(-1, 2, 3)
-        self._ring = scene.add_line_segments("/mark/ring", ring, colours, **line)
+        add = scene.add_line_segments
+        self._ring = add("/mark/ring", ring, colours, thickness=2.5, thickness_units="screen")
         corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
         edges = [(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corner[i] != corner[j]) == 1]
-        self._box = scene.add_line_segments("/mark/box", corner[np.array(edges)], ink, **line)
+        self._box = add("/mark/box", corner[np.array(edges)], ink, thickness=2.5, thickness_units="screen")
         self._sphere = scene.add_icosphere("/mark/sphere", 1.0, ink, opacity=0.3, cast_shadow=False)
         for mark in (self._ring, self._box, self._sphere):
             mark.visible = False
