@@ -280,7 +280,7 @@ def _refine(world: "World", i: int, c: Vector, x: Vector, last: bool, ease: bool
     return int(i)
 
 
-@native
+@inlined
 def _test_plane(world: "World", i: int, c: Vector, x: Vector, last: bool, ease: bool) -> float:
     """Compute the plane of entry `i` of the front for a ball at `c`; return the height of `x` above it [m].
 
@@ -305,29 +305,30 @@ def _put_plane(world: "World", i: int, c_W: Vector, x_W: Vector, last: bool) -> 
     ball, body = world.ball[0], world.bodies[world.ball[0].body[i]]
     node = ball.node[i]
     c = to_body_last(body, c_W) if last and body.moved == 1 else to_body(body, c_W)
-    normal = (0.0, 0.0, 0.0)
+    ball.stamp[i] = ball.now
     if node >= 0:
-        away = way_from_cylinder(world.tree[body.tree + node], c)
+        length, n = way_from_cylinder(world.tree[body.tree + node], c)
+        if length == 0.0:  # inside
+            ball.plane[3, i] = math.inf
+            return -math.inf, -math.inf
+        above_c = length - world.proxy[0].radius_m
     else:
         u, v, w = corners(world, body, -1 - node)
-        away, normal = sub(c, closest_point(u, v, w, c)), cross(sub(v, u), sub(w, u))
-    q = sub(c, away)
-    ball.stamp[i] = ball.now
-    n = away
-    if dot(n, n) == 0.0:  # inside a cylinder, or on a face
-        ball.plane[3, i] = math.inf
-        if node >= 0:
-            return -math.inf, -math.inf
-        n = normal
-    length, radius_m = norm(n), world.proxy[0].radius_m
-    above_c, above_x = dot(n, away) / length - radius_m, dot(n, sub(to_body(body, x_W), q)) / length - radius_m
-    n = (n[0] / length, n[1] / length, n[2] / length)
-    offset = dot(n, q) + radius_m
+        n = sub(c, closest_point(u, v, w, c))
+        length = norm(n)
+        above_c = length - world.proxy[0].radius_m
+        if length == 0.0:
+            n = cross(sub(v, u), sub(w, u))
+            length = norm(n)
+    scale = 1.0 / length  # one division: they are slow
+    n = (scale * n[0], scale * n[1], scale * n[2])
+    offset = dot(n, c) - above_c
     n, o = turn_to_world(body, n), body.p_WB_m
+    offset += n[0] * o[0] + n[1] * o[1] + n[2] * o[2]
     for j in range(3):
         ball.plane[j, i] = n[j]
-    ball.plane[3, i] = offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2]
-    return above_c, above_x
+    ball.plane[3, i] = offset
+    return above_c, dot(n, x_W) - offset
 
 
 @inlined

@@ -188,13 +188,17 @@ def _fit_cylinder(corners_m: NDArray[np.float64], faces: NDArray[np.int32], node
 
 
 @native
-def way_from_cylinder(node: NDArray[np.float32], p: Vector) -> Vector:
-    """Return the way from the closest point of a cylinder (8,) to `p`, which is 0 inside."""
+def way_from_cylinder(node: NDArray[np.float32], p: Vector) -> tuple[float, Vector]:
+    """Return the distance from the closest point of a cylinder (8,) to `p`, and the way; both are 0 inside."""
     axis, radius, half = (float(node[3]), float(node[4]), float(node[5])), float(node[6]), float(node[7])
     away = sub(p, (float(node[0]), float(node[1]), float(node[2])))
     height = dot(axis, away)
     beside = along(away, -height, axis)
     beside2 = dot(away, away) - height * height  # not from `beside`, for which the processor would have to wait
-    out = 1.0 - radius / math.sqrt(beside2) if beside2 > radius * radius else 0.0
+    out = share = 0.0
+    if beside2 > radius * radius:
+        distance = math.sqrt(beside2)
+        out, share = distance - radius, 1.0 - radius / distance
     up = height - math.copysign(half, height) if abs(height) > half else 0.0
-    return out * beside[0] + up * axis[0], out * beside[1] + up * axis[1], out * beside[2] + up * axis[2]
+    way = share * beside[0] + up * axis[0], share * beside[1] + up * axis[1], share * beside[2] + up * axis[2]
+    return math.sqrt(out * out + up * up), way

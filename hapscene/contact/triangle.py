@@ -136,7 +136,7 @@ def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> in
     return edge
 
 
-@native
+@inlined
 def closest_point(a: Vector, b: Vector, c: Vector, p: Vector) -> Vector:
     """Return the point of a triangle closest to `p` (Ericson, Real-Time Collision Detection, 2005, 5.1.5)."""
     ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
