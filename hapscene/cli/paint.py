@@ -7,11 +7,11 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
-from hapscene.cli.options import Help, MeshOptions, PageOptions
+from hapscene.cli.options import Help, MeshOptions, PageOptions, TipRadius
 from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX, is_unitless
 from hapscene.interrupt import clear_interrupt
 
@@ -31,6 +31,7 @@ def paint(
     accept_changed: Annotated[bool, Help("Keep the painting of a changed mesh, if its face count is the same")] = False,
     mesh: MeshOptions = MeshOptions(),
     no_hand: Annotated[bool, Help("Paint without touching: do not start the process of the hand")] = False,
+    tip_radius: TipRadius = 0.0,
     page: PageOptions = PageOptions(),
 ) -> None:
     """Paint swatches onto a scene or mesh in the browser, and touch it with the mouse.
@@ -41,21 +42,21 @@ def paint(
       hapscene paint bunny.ply --unit m --swatch wood
     """
     with ExitStack() as ends:
-        shown = _open_page(scene, more, accept_changed, mesh, no_hand, page, ends)
+        shown = _serve(scene, more, accept_changed, mesh, page, ends, with_hand=not no_hand, tip_radius_m=tip_radius)
         gc.freeze()  # loaded objects live until the end: the collector can skip them
         _paint_until_ended(shown)
 
 
-def _open_page(
+def _serve(
     scene: str | None,
     more: Sequence[str],
     accept_changed: bool,
     mesh: MeshOptions,
-    no_hand: bool,
     page: PageOptions,
     ends: ExitStack,
+    **made: Any,
 ) -> "Page":
-    """Serve the page of a scene until `ends` is closed. The browser fetches the page while the scene is loaded."""
+    """Serve the page of a scene, with further arguments of `Page`, until `ends` is closed."""
     is_file = scene is not None and is_unitless(scene)  # assets and scenes are upright
     if scene is not None and (scene != "demo" or Path(scene).exists()):
         scene, mesh = find_asset(scene, mesh)
@@ -67,7 +68,7 @@ def _open_page(
     from hapscene.paint.web.server import PageServer
 
     server = ends.enter_context(PageServer(page.host, page.port))
-    if not page.no_browser:
+    if not page.no_browser:  # it fetches the page while the scene is loaded
         is_scene = scene is not None and scene.endswith(SCENE_SUFFIX)
         lead_browser(server.url, Path(str(scene)).parent if is_scene else Path(), ends)
     from hapscene.paint.model.document import describe_scene_file
@@ -79,7 +80,7 @@ def _open_page(
     for earlier in earlier_scenes(session.path, str(scene).endswith(BUNDLE_SUFFIX)):
         print_progress(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
     ask_upright = is_file and mesh.up is None
-    return Page(session, with_hand=not no_hand, server=server, ask_upright=ask_upright)
+    return Page(session, server=server, ask_upright=ask_upright, **made)
 
 
 def _paint_until_ended(page: "Page") -> None:

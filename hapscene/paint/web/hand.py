@@ -79,6 +79,7 @@ class HandConfig:
         device: a name of `HAND_DEVICES`.
         grip: firmness of the grip, a name of `GRIP_NAMES`.
         compensator: compensator of the handle, a name of `COMPENSATOR_HINTS`.
+        tip_radius_m: radius of the tip of the tool; 0 for a point.
 
     Raises:
         HapsceneError: a name is unknown.
@@ -87,6 +88,7 @@ class HandConfig:
     device: str = "omni"
     grip: str = DEFAULT_GRIP
     compensator: str = "adaptive"
+    tip_radius_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.device == "ideal":
@@ -118,7 +120,7 @@ class HandConfig:
 def make_servo(scene: Scene, config: HandConfig, progress: Callable[[str], None], servo: type[Servo] = Servo) -> Servo:
     """A servo with a simulated hand; the device is placed for each touch so that it starts mid-workspace."""
     model, limits = HAND_DEVICES[config.device].model, limits_of(config.limits, TICK_S)
-    make = partial(servo, scene, model, limits=limits, progress=progress)
+    make = partial(servo, scene, model, limits=limits, tip_radius_m=config.tip_radius_m, progress=progress)
     return make() if config.compensator == NO_HANDLE else make(handle=Plant(), compensator=config.compensator)
 
 
@@ -263,7 +265,7 @@ class TouchHand:
             return False
         self.touching, self._limit_reported, self._deeper_m = True, False, 0.0
         if not self._starting:
-            self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
+            self._starting, self._from_W_m = True, p_W_m + (self.config.tip_radius_m + HOVER_M) * nhat_W
             self._start_task(self._come_down(self._servo, self._from_W_m))
         self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
         return True
@@ -282,8 +284,9 @@ class TouchHand:
         """Move the touch to a point of the surface; shows a message if it is outside the workspace."""
         if not self.touching:
             return
-        if self.config.reaches(self._from_W_m, p_W_m):
-            self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
+        center_W_m = p_W_m + self.config.tip_radius_m * nhat_W
+        if self.config.reaches(self._from_W_m, center_W_m):
+            self._contact = Contact(center_W_m, nhat_W, force_N, stiffness_N_m)
             self._aim()
         elif not self._limit_reported:
             self._limit_reported = True

@@ -74,6 +74,7 @@ class Page:
         with_hand: start the simulated hand.
         server: server that is open already, instead of one at `port`; it is closed with the page.
         ask_upright: ask whether new meshes whose files state no vertical axis are upright.
+        tip_radius_m: radius of the tip of the simulated hand's tool; 0 for a point.
 
     Attributes:
         server: viser server.
@@ -93,6 +94,7 @@ class Page:
         with_hand: bool = True,
         server: PageServer | None = None,
         ask_upright: bool = False,
+        tip_radius_m: float = 0.0,
     ) -> None:
         if session.path is None:
             raise SceneError("the session has no file: give it a path, such as NAME.scene.json")
@@ -102,12 +104,12 @@ class Page:
         self._served = server or PageServer(HOST, port)
         self._ends.callback(self._served.close)
         try:
-            self._begin(session, ask_upright)
+            self._begin(session, ask_upright, HandConfig(session.tuning.device, tip_radius_m=tip_radius_m))
         except BaseException:
             self.close()
             raise
 
-    def _begin(self, session: Session, ask_upright: bool) -> None:
+    def _begin(self, session: Session, ask_upright: bool, hand: HandConfig) -> None:
         session.document.start_autosave()
         self._ends.callback(self._keep, session)
         self._ends.callback(self._served.close)
@@ -118,7 +120,7 @@ class Page:
         uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
         uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
-        self._touch = TouchHand(self._socket.say, HandConfig(session.tuning.device))
+        self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
         self._page_shown = asyncio.Event()
         self.clients: dict[int, ClientPanels] = {}

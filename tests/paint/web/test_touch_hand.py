@@ -285,6 +285,13 @@ def test_omni_press_reaches_the_requested_force_and_the_handle_plays() -> None:
     assert (felt.a_handle_m_s2 - felt.a_m_s2).std() > 0.2 * felt.a_m_s2.std()
 
 
+def test_hand_with_a_round_tip_keeps_its_centre_a_radius_above_the_surface() -> None:
+    felt, said = asyncio.run(feel(HandConfig("omni-point", "medium", NO_HANDLE, tip_radius_m=0.004), 1.0))
+    assert not said and felt.rows["touching"].all()
+    assert felt.rows["p_WP_m"][:, 0] == pytest.approx(0.024, abs=3e-6)
+    assert felt.rows["p_WC_m"][:, 0] == pytest.approx(0.02, abs=3e-6)
+
+
 @pytest.mark.parametrize(
     ("grip", "force_N", "peak_N"), [("medium", 0.5, 1.0), ("medium", 1.0, 1.8), ("light", 0.2, 0.6)]
 )
