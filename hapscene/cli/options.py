@@ -121,7 +121,9 @@ OutFolder = Annotated[
 ]
 Dark = Annotated[bool, Help("Use a dark background for pictures.")]
 Table = Annotated[InFile | None, Parameter(name="--from", help="Table of an earlier run to draw, without measuring.")]
-TipRadius = Annotated[float, Help("Radius of the round tip of the tool [m]; 0 for a point.")]
+TipRadius = Annotated[
+    float, Parameter(validator=Number(gte=0.0, lte=1.0), help="Radius of the round tip of the tool [m]; 0 for a point.")
+]
 Seed = Annotated[Count, Help("Seed of the random number generator.")]
 Device = Annotated[str, Help("Simulated device: omni, phantom-1.0 or premium-1.5.")]
 Grip = Annotated[str, Help("Grip of the simulated hand: light, medium or firm.")]

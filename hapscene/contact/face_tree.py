@@ -200,5 +200,4 @@ def way_from_cylinder(node: NDArray[np.float32], p: Vector) -> tuple[float, Vect
         distance = math.sqrt(beside2)
         out, share = distance - radius, 1.0 - radius / distance
     up = height - math.copysign(half, height) if abs(height) > half else 0.0
-    way = share * beside[0] + up * axis[0], share * beside[1] + up * axis[1], share * beside[2] + up * axis[2]
-    return math.sqrt(out * out + up * up), way
+    return math.sqrt(out * out + up * up), along((up * axis[0], up * axis[1], up * axis[2]), share, beside)
