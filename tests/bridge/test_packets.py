@@ -10,6 +10,7 @@ from hapscene.bridge.packets import (
     FRAME,
     SIZE_MAX,
     BodyFrame,
+    Event,
     Frame,
     Packet,
     PacketError,
@@ -25,7 +26,9 @@ from .client_packets import pack_frame, unpack_state
 
 def test_layout() -> None:
     body = BodyFrame(7, True, (1, 2, 3), (0, 0, 0, 1), (4, 5, 6), (7, 8, 9), (1.5, 0, 0, 0, 0, 2.5))
-    data = pack(Packet(FRAME, 0x1122334455667788, 9, pack_frame(Frame((0.1, 0.2, 0.3), 3, (body,)))))
+    frame = Frame((0.1, 0.2, 0.3), 3, (body, BodyFrame(8, False, (1, 2, 3), (0, 0, 0, 1), None, None, (0,) * 6)))
+    assert unpack_frame(pack_frame(frame)) == frame
+    data = pack(Packet(FRAME, 0x1122334455667788, 9, pack_frame(Frame(frame.aim, 3, (body,)))))
     assert data[:6] == b"HSB1\x03\0" and len(data) == 24 + 32 + 160
     assert struct.unpack_from("<HQI", data, 6) == (len(data), 0x1122334455667788, 9)
     assert struct.unpack_from("<I", data, 20)[0] == zlib.crc32(data[:20] + data[24:])
@@ -35,6 +38,9 @@ def test_layout() -> None:
     assert struct.unpack_from("<19d", data, 64) == (1, 2, 3, 0, 0, 0, 1, 4, 5, 6, 7, 8, 9, 1.5, 0, 0, 0, 0, 2.5)
     state = State(5, 0.001, *[(float(k),) * 3 for k in range(4)], 0.25, 0.5, 1, 2, 3, 4, 6, ((7, (1.0,) * 6),), ())
     answer = pack_state(state)
+    assert unpack_state(answer) == state
+    other = state._replace(events=(Event(9, 2, 1, 3, 0.5),), axes=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+    assert unpack_state(pack_state(other)) == other
     assert len(answer) == 152 + 56 and struct.unpack_from("<iiiIIHH", answer, 128) == (1, 2, 3, 4, 6, 0, 1)
     assert struct.unpack_from("<H", answer, 152)[0] == 7
 
