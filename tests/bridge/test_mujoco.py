@@ -353,3 +353,23 @@ def test_replicate_with_too_many_copies_is_an_error(counts: tuple[int, ...]) -> 
         text = f'<replicate count="{count}">{text}</replicate>'
     with pytest.raises(FormatError, match="replicate"):
         compile_model(io.BytesIO(f"<mujoco><worldbody>{text}</worldbody></mujoco>".encode()), "never read")
+
+
+def test_two_hands_lift_a_box() -> None:
+    """They squeeze it by 3 mm and lift it by 3 cm at 60 Hz; friction carries half of its weight at each hand."""
+    model, data = crates(1 / 60, -9.81)
+    grip = hapscene.Swatch("grip", stiffness_N_m=650.0, friction_static=0.9, friction_dynamic=0.9)
+    bridge = hapscene.bridge.MuJoCo(model, data, grip)
+    hands = [hapscene.Renderer(bridge.scene), hapscene.Renderer(bridge.scene)]
+    felt, tick = list[list[hapscene.Command]](), itertools.count()
+
+    def places() -> list[tuple[float, float, float]]:
+        k = next(tick)
+        x, z = 0.0505 - 7e-6 * min(k, 500), 0.05 + 2e-5 * min(max(k - 800, 0), 1500)
+        return [(-x, 0.0, z), (x, 0.0, z)]
+
+    while len(felt) < 3000:
+        bridge.step(hands, places, felt.append)
+    f_N = np.array([[command.f_W_N for command in made] for made in felt])
+    assert np.linalg.norm(np.diff(f_N, axis=0), axis=2).max() <= 0.1
+    assert f_N[-500:, :, 2].mean(axis=0) == pytest.approx(-0.5 * 0.2 * 9.81, rel=0.02) and data.qpos[2] > 0.075

@@ -22,6 +22,7 @@ from tests.contact.test_puncture import BREAK
 
 R_M = 0.005
 CLOSE_M = 3e-6
+SHARED = Path("../shared/data/meshes")
 
 
 def renderer(*meshes, radius_m: float = R_M, **more) -> Renderer:
@@ -305,3 +306,39 @@ def scan(path: Path) -> trimesh.Trimesh:
 @pytest.mark.parametrize("radius_m", [0.001, 0.006])
 def test_walk_over_a_scan(radius_m):
     check_walk(scan(Path("assets/meshes/toad.ply")), radius_m, 2000, 2)
+
+
+def test_sphere():
+    ball = trimesh.creation.icosphere(6, 0.05)
+    facet_m = 0.05 - np.linalg.norm(ball.triangles_center, axis=1).min()
+    angle = np.linspace(0.1, 2.0, 1000)[:, None]
+    way = np.hstack((np.cos(angle), np.sin(angle) * 0.8, np.sin(angle) * 0.6))
+    r = renderer(ball).run(np.concatenate((between([way[0] * 0.07, way[0] * 0.054]), way * 0.054)))
+    height_m = np.linalg.norm(r.p_WP_m[201:], axis=1) - 0.05 - R_M
+    assert -CLOSE_M - facet_m < height_m.min() and height_m.max() < CLOSE_M
+    np.testing.assert_allclose(r.p_WP_m[201:] / (0.05 + R_M), way, atol=5e-4)
+
+
+@pytest.mark.parametrize("width_m", [0.003, 0.0099])
+def test_slot_narrower_than_the_ball(width_m):
+    """The ball rests on both edges of a slot, and moves along it."""
+    sides = []
+    for s in (-1, 1):
+        x = sorted((s * width_m / 2, s * 0.05))
+        sides.append(trimesh.creation.box(bounds=[[x[0], -0.05, -0.02], [x[1], 0.05, 0]]))
+    height_m = np.sqrt(R_M**2 - (width_m / 2) ** 2)
+    r = renderer(*sides).run(between([(0, 0, 0.01), (0, 0, -0.01), (0.0002, 0.02, -0.01)]))
+    np.testing.assert_allclose(r.p_WP_m[200:, 0], 0.0, atol=CLOSE_M)
+    np.testing.assert_allclose(r.p_WP_m[200:, 2], height_m, atol=CLOSE_M)
+    assert r.p_WP_m[-1, 1] == pytest.approx(0.02, abs=CLOSE_M)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("radius_m", [0.0005, 0.003, 0.01])
+@pytest.mark.parametrize(
+    "name", ["bunny.ply", "fandisk.obj", "teapot.stl", "busted.STL", "rabbit.obj", "cycloidal.ply"]
+)
+def test_walk_over_foreign_meshes(name, radius_m):
+    if not SHARED.exists():
+        pytest.skip("the folder ../shared is absent")
+    check_walk(scan(SHARED / name), radius_m, 20_000, 3)

@@ -223,3 +223,46 @@ def test_layout(shape: str, opened: Callable[..., Any], demo: Path) -> None:
         assert tab.evaluate(AXE_RUN) == []
     with Image.open(io.BytesIO(tab.screenshot())) as picture:
         assert len(picture.convert("RGB").getcolors(1 << 22)) > 2000  # a shaded picture
+
+
+def test_pen_pressure_is_the_force(opened: Callable[..., Any], demo: Path) -> None:
+    tab = opened(demo)
+    tab.evaluate(RECORD)
+    x, y = tab.evaluate(PLACE, "leather")
+    pen = tab.context.new_cdp_session(tab)
+    for kind, pressure in (("mousePressed", 0.5), ("mouseMoved", 0.8), ("mouseReleased", 0.0)):
+        event = {"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}
+        pen.send("Input.dispatchMouseEvent", event | {"pointerType": "pen", "force": pressure})
+    force = [one["force"] for one in tab.evaluate("sent")]
+    assert force[0] == pytest.approx(1.5) and force[1] == pytest.approx(2.4)
+    assert tab.inner_text("#newton") == "2.4 N"
+
+
+def test_fingers_stroke_and_turn(opened: Callable[..., Any], demo: Path) -> None:
+    tab = opened(demo, "phone")
+    tab.evaluate(RECORD)
+    hand = tab.context.new_cdp_session(tab)
+
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        fingers = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+        hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+
+    tab.evaluate("() => { window.buzz = []; navigator.vibrate = (ms) => buzz.push(ms); }")
+    x, y = tab.evaluate(PLACE, "epoxy")
+    touch("touchStart", (x, y))
+    assert tab.evaluate("buzz") == [20]
+    touch("touchMove", (x + 20, y))
+    assert tab.inner_text("#name") == "epoxy"
+    touch("touchEnd")
+    assert [one["swatch"] for one in tab.evaluate("sent")][-1] == -1
+    before = tab.evaluate("({...camera})")
+    touch("touchStart", (150, 300), (250, 300))
+    touch("touchMove", (130, 300), (310, 300))
+    touch("touchEnd")
+    after = tab.evaluate("({...camera})")
+    assert after["distance"] < before["distance"] and after["yaw"] != before["yaw"]
+    assert tab.inner_text("#name") == "not touching"
+
+
+def test_demo_is_small(demo: Path) -> None:
+    assert demo.stat().st_size < 3_000_000
