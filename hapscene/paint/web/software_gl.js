@@ -3,7 +3,7 @@
 // viser itself draws for 0.25 s after each change.
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 const MOVING_DPR = 0.6;  // canvas pixels per CSS pixel while the scene changes
-const REST_MS = 300, FRAME_MS = 60;  // time until all pixels are drawn, and shortest time between frames
+const REST_MS = 300, FRAME_MS = 80;  // time until all pixels are drawn, and shortest time between frames
 
 function softwareRenders() {
   const gl = document.createElement("canvas").getContext("webgl2");
