@@ -1,6 +1,5 @@
 """Constants: meaning, unit, source, and what depends on the value."""
 
-from pathlib import PurePath
 from typing import Final
 
 __all__ = [
@@ -31,7 +30,6 @@ __all__ = [
     "TICK_S",
     "TINY",
     "UNITLESS",
-    "is_unitless",
 ]
 
 # --- files -----------------------------------------------------------------------------------------------
@@ -45,13 +43,7 @@ BUNDLE_SUFFIX: Final = ".scene.zip"
 SCENE_SUFFIXES: Final = (SCENE_SUFFIX, BUNDLE_SUFFIX)
 
 UNITLESS: Final = ("stl", "obj", "ply", "off")
-"""Suffixes of mesh files that state neither a unit of length nor a vertical axis."""
-
-
-def is_unitless(path: str | PurePath) -> bool:
-    """Whether a path has one of the suffixes `UNITLESS`, in any case."""
-    return PurePath(path).suffix.lower()[1:] in UNITLESS
-
+"""Suffixes of mesh files that state neither a unit of length nor a vertical axis, except in comments of hapscene."""
 
 # --- rates -----------------------------------------------------------------------------------------------
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from hapscene.cli.console import format_size, print_progress
-from hapscene.constants import SCENE_SUFFIXES, is_unitless
+from hapscene.constants import SCENE_SUFFIXES
 from hapscene.errors import HapsceneError, MeshError, SceneError
+from hapscene.io.files import is_unitless
 
 if TYPE_CHECKING:
     from hapscene.cli.options import MeshOptions, ReadOptions

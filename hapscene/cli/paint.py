@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
 from hapscene.cli.options import Help, MeshOptions, PageOptions, TipRadius
-from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX, is_unitless
+from hapscene.constants import BUNDLE_SUFFIX, SCENE_SUFFIX
 from hapscene.interrupt import clear_interrupt
+from hapscene.io.files import is_unitless
 
 if TYPE_CHECKING:
     from hapscene.paint.web.page import Page

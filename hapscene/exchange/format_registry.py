@@ -55,7 +55,7 @@ def write_obj(scene: Scene, path: Path) -> list[Path]:
                 for swatch in scene.swatches:
                     out.write(f"newmtl {_line(swatch.name)}\nKd {' '.join(map(repr, swatch.albedo_rgb))}\n\n")
             with shapes.open("w", encoding="utf-8", newline="\n") as out:
-                out.write(f"# in metres, z up\nmtllib {library.name}\n")
+                out.write(f"# unit m\n# z up\nmtllib {library.name}\n")
                 out.writelines(_obj_lines(scene))
     except OSError as error:
         raise SceneError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias
 
+from hapscene.constants import UNITLESS
 from hapscene.errors import FormatError, did_you_mean, printable
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CONTAINER_MAX",
     "MEMORY_FREE_B",
+    "METRES",
     "VALUE_MAX",
     "Json",
     "check_file",
@@ -29,6 +31,7 @@ __all__ = [
     "check_keys",
     "check_memory",
     "check_unpacked",
+    "is_unitless",
     "memory_most_B",
     "naming",
     "open_zip",
@@ -42,6 +45,20 @@ __all__ = [
     "whole_folder",
     "write_whole",
 ]
+
+METRES: Final = b" unit m\n"
+"""Comment near the start of PLY and OBJ files that hapscene writes: metres, z up."""
+
+
+def is_unitless(path: str | Path) -> bool:
+    """Return whether a mesh file states no unit of length: its format has none, nor has it the comment `METRES`."""
+    path = Path(path)
+    if path.suffix.lower()[1:] not in UNITLESS:
+        return False
+    with suppress(OSError), path.open("rb") as file:
+        return METRES not in file.read(100)
+    return True
+
 
 FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 FULL_HINT: Final = "; free some space, or write elsewhere"

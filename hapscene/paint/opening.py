@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene import assets
-from hapscene.constants import is_unitless
+from hapscene.io.files import is_unitless
 from hapscene.paint.model.session import Session
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, unpacked_beside

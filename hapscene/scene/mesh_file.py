@@ -16,7 +16,7 @@ import numpy as np
 
 from hapscene.constants import UNITLESS
 from hapscene.errors import MeshError, warn
-from hapscene.io.files import open_zip, read_bytes, refusing
+from hapscene.io.files import METRES, open_zip, read_bytes, refusing
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import (
     UNIT_M,
@@ -209,6 +209,8 @@ def load_mesh(path: str | Path, unit: str | None = None, *, up: str | None = Non
     given = None if unit is None else unit_name(unit)
     suffix, content, resolver = _open(path)
     up = up or ("y" if suffix in Y_UP else "z")
+    if suffix in UNITLESS and given is None and METRES in content[:100]:
+        given = "m"
     if suffix in UNITLESS and given is None:
         raise MeshError(
             f'{path}: {suffix.upper()} files have no unit of length: specify it with --unit mm, or unit="mm" in '

@@ -84,3 +84,17 @@ def test_interrupted_export_leaves_no_file(
     monkeypatch.setattr(Path, "chmod", interrupt)
     assert main(["convert", str(desk), str(desk.with_name(f"desk.{suffix}"))]) == 130
     assert capsys.readouterr().err.count("\n") == 1 and sorted(desk.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj"])
+def test_exported_file_states_its_unit(suffix: str, desk: Path) -> None:
+    file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
+    assert main(["convert", str(desk), str(file)]) == 0
+    assert main(["convert", str(file), str(back)]) == 0
+    (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies
+    np.testing.assert_array_equal(now.mesh.bounds_m, was.mesh.bounds_m)
+
+
+def test_page_as_source_says_how_to_write_it(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["convert", str(desk.with_name("desk.html"))]) == 2
+    assert "desk.scene.json desk.html" in capsys.readouterr().err

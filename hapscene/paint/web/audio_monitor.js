@@ -1,10 +1,11 @@
 // Audio monitor: plays the acceleration stream in an audio worklet, so that sound does not wait for drawing.
 //
 // An adaptive jitter buffer delays the samples so that late messages still arrive in time. Its target length follows the
-// measured jitter: the largest drop of the buffer level of each second, without the worst second of the last sixty. If
-// the buffer runs empty, the gap is concealed.
-const FIRST_S = 0.03, MOST_S = 0.5;  // jitter assumed before it is measured, and largest jitter that is compensated
-const MARGIN_S = 0.01;  // safety margin of the buffer
+// measured jitter: it is twice the largest drop of the buffer level in the last sixty seconds. With the largest drop
+// alone, each drop that exceeds the sixty before it would be a gap: about five in five minutes for any jitter. If the
+// buffer runs empty, the gap is concealed.
+const FIRST_S = 0.03, MOST_S = 0.5;  // jitter assumed before it is measured, and largest buffer
+const SAFETY = 2, MARGIN_S = 0.01;  // length of the buffer: largest drop by this factor, plus this margin
 const SECONDS = 60;  // length of the jitter statistics
 const SLACK_S = 0.015, HURRY = 0.08;  // deviation from the target length that is tolerated; beyond, speed changes by up to 8 %
 const BUFFER_S = 1;  // capacity of the buffer; samples that do not fit are dropped
@@ -15,7 +16,7 @@ export class JitterBuffer {
   constructor() {
     this.drops_s = new Float32Array(SECONDS).fill(FIRST_S);  // largest drop in each second
     this.played_s = 0;
-    this.target_s = FIRST_S + MARGIN_S;
+    this.target_s = SAFETY * FIRST_S + MARGIN_S;
     this.begin();
   }
   begin() { this.top_s = -Infinity; }
@@ -27,7 +28,7 @@ export class JitterBuffer {
     const at = Math.floor(this.played_s) % SECONDS;
     this.drops_s[at] = Math.max(this.drops_s[at], Math.min(this.top_s - before_s, MOST_S));
     this.top_s = Math.max(before_s + length_s, this.top_s - length_s * HURRY);
-    this.target_s = this.drops_s.toSorted().at(-2) + MARGIN_S;
+    this.target_s = Math.min(SAFETY * Math.max(...this.drops_s), MOST_S) + MARGIN_S;
   }
 }
 
@@ -44,6 +45,7 @@ function play() {
       this.playing = false;
       this.dry_s = -Infinity;  // time at which the buffer ran empty
       this.gaps = 0;
+      this.full = false;  // whether samples of the last message did not fit
       this.join = 0;  // weight of new samples, 0 to 1, against the concealment
       this.bridge = 0;  // samples since the buffer ran empty
       this.loud = 0;  // gain of the concealment
@@ -52,12 +54,13 @@ function play() {
     buffered() { return (this.write - this.read) / this.rate; }
     take({ a, rate, count }) {
       if (rate !== this.rate) Object.assign(this, { rate, ring: new Float32Array(Math.ceil(BUFFER_S * rate)), read: 0, write: 0, playing: false, join: 0, loud: 0 });
-      const dry_s = this.playing ? 0 : currentTime - this.dry_s;
-      if (dry_s > BUFFER_S) this.jitter.begin();
-      else if (!this.playing && this.read === this.write) this.gaps++;
+      const dry_s = this.playing ? 0 : currentTime - this.dry_s, empty = !this.playing && this.read === this.write;
+      const room = Math.floor(this.ring.length - (this.write - this.read)), full = a.length > room;
+      if (dry_s > BUFFER_S && !full) this.jitter.begin();  // a pause; after a delay, the message would be as long
+      else if (empty || (full && !this.full)) this.gaps++;
+      this.full = full;
       this.jitter.note(this.buffered() - Math.min(dry_s, BUFFER_S), a.length / rate);
       this.port.postMessage({ count, lead_s: Math.max(this.buffered(), this.playing ? 0 : this.jitter.target_s), gaps: this.gaps });
-      const room = Math.floor(this.ring.length - (this.write - this.read));
       for (const v of a.subarray(0, room)) this.ring[this.write++ % this.ring.length] = v;
       this.level_s = this.buffered();
     }

@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import is_unitless
 from hapscene.errors import HapsceneError, MeshError, SceneError
+from hapscene.io.files import is_unitless
 from hapscene.paint.model.composing import numbered
 from hapscene.paint.web.context import Container, PageContext, aria, escape_html, set_html
 from hapscene.paint.web.view import rotation

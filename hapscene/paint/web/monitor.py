@@ -19,7 +19,7 @@ from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 __all__ = ["Loudness", "Monitor"]
 
 MONITOR_S: Final = 0.015
-"""Period of the stream [s]. With 35 ms in the browser, the latency of sound is about 60 ms."""
+"""Period of the stream [s]. With messages in time, the browser buffers less than three periods."""
 
 STATUS_S: Final = 0.2
 """Period of the status line [s]: faster changes could not be read."""

@@ -5,10 +5,12 @@ import { newGrain } from "/hapscene-grain.js";
 import { newKeyList } from "/hapscene-keys.js";
 import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
+import { limitSoftwareGl } from "/hapscene-software_gl.js";
 import { newStamp } from "/hapscene-stamp.js";
 import { JitterBuffer } from "/hapscene-audio_monitor.js";
 import { fixPage, sheetHeight, showTips } from "/hapscene-viser.js";
 
+const drawLess = limitSoftwareGl();  // before viser makes its canvas
 const TOOLS = [
   ["brush", "Brush", "1", "Paint with the selected swatch: Shift + drag"],
   ["fill", "Fill", "2", "Fill a facet, a body or a material: Shift + click"],
@@ -406,7 +408,7 @@ function start() {
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });
   setInterval(fit, 300);
   const grain = newGrain();
-  (function frame() { grain(state.grain, stamp.uniforms); trace.draw(); requestAnimationFrame(frame); })();
+  (function frame() { drawLess(); grain(state.grain, stamp.uniforms); trace.draw(); requestAnimationFrame(frame); })();
 }
 start();
 window.hapscene = { get state() { return state; }, sound, trace, client, send, stamp };

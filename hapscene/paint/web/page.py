@@ -49,11 +49,8 @@ THEME: Final[Mapping[str, Any]] = {"show_share_button": False, "show_logo": Fals
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
-SHOWN_S: Final = 2.0
+SHOWN_S: Final = 10.0
 """Longest time for which the start of the hand waits for a page that shows the scene [s]."""
-
-DRAWN_S: Final = 0.3
-"""Approximate time from the connection of a page until its panel is drawn [s]."""
 
 
 class ClientPanels(NamedTuple):
@@ -229,6 +226,7 @@ class Page:
         panels = self.clients.get(client_of(message))
         if panels is None:
             return
+        self._page_shown.set()  # pages send their first message when their panel is drawn
         try:
             if await self._follow_pointer(message, panels.context.tools):
                 return
@@ -364,7 +362,6 @@ class Page:
             panels = ToolPanel(own, self._paint), SwatchPanel(own, self._paint), ParameterPanel(own, self._haptics)
             self.clients[name] = ClientPanels(own, *panels)
             client.gui.add_html(f'<span id="hs-client" data-id="{name}" hidden></span>')
-            self._loop.call_later(DRAWN_S, self._page_shown.set)
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
         async def remove(client: Client) -> None:

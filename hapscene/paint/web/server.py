@@ -58,11 +58,6 @@ if (known && known !== location.pathname) location.replace(known);
 
 MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 
-SCRIPTS: Final = (
-    *("audio_monitor", "body_tree", "cursor", "grain", "keys", "outline", "plot", "socket_worker", "stamp"),
-    *("swatch_library", "upload", "viser"),
-)
-
 HEAD: Final = b"""<link rel="stylesheet" href="/hapscene.css"><script>
 const real = matchMedia.bind(window);
 window.matchMedia = (query) => real(query === "(max-width: 36em)" ? "(max-width: 760px)" : query);
@@ -250,17 +245,13 @@ class PageServer:
 
 def _static_files() -> Mapping[str, Answer]:
     """Static files of this package, by URL path."""
-    folder = resources.files("hapscene.paint.web")
-    names = {
-        "/hapscene.css": "page.css",
-        "/hapscene.js": "page.js",
-        "/hapscene-swatch_library.css": "swatch_library.css",
-    }
-    names |= {f"/hapscene-{name}.js": f"{name}.js" for name in SCRIPTS}
-    return {
-        path: (http.HTTPStatus.OK, MIME_TYPES[name.split(".")[1]], (folder / name).read_bytes())
-        for path, name in names.items()
-    }
+    found = {}
+    for file in resources.files("hapscene.paint.web").iterdir():
+        name, _, suffix = file.name.partition(".")
+        if suffix in MIME_TYPES:
+            path = "/hapscene" + ("" if name == "page" else f"-{name}")
+            found[f"{path}.{suffix}"] = http.HTTPStatus.OK, MIME_TYPES[suffix], file.read_bytes()
+    return found
 
 
 def own_addresses() -> list[str]:

@@ -103,6 +103,16 @@ def test_a_stroke_is_shown_before_it_is_painted_and_in_the_colour_that_follows(w
     session.undo()
 
 
+def test_without_a_gpu_frames_have_few_pixels_while_the_scene_changes(window: Window) -> None:
+    canvas = "document.querySelector('canvas[data-engine]')"
+    pixels = f"({canvas}.width / {canvas}.clientWidth)"
+    assert window.ask(f"{canvas}.getContext('webgl2').getContextAttributes().antialias") is False
+    window.ask("void (window.changing = setInterval(() => window.__viserMutable.requestRender(), 20))")
+    window.wait(f"{pixels} < 0.65")
+    window.ask("clearInterval(window.changing)")
+    window.wait(f"{pixels} > 0.95")
+
+
 def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     page, tab = window.page, window.tab
     scene, chosen = page.context.session.scene, window.tools.chosen
