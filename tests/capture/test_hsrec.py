@@ -131,3 +131,10 @@ def test_a_full_disk_is_reported_and_earlier_samples_are_kept(tmp_path: Path, mo
         with pytest.raises(CaptureError, match="No space left"):
             writer.sync()
     assert len(load_record(tmp_path / "a.hsrec").missing) == 10
+
+
+def test_a_record_without_samples_is_refused(tmp_path: Path) -> None:
+    with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
+        writer.end("stopped")
+    with pytest.raises(CaptureError, match="no samples"):
+        load_record(tmp_path / "a.hsrec")

@@ -231,3 +231,16 @@ def test_invalid_messages_have_no_effect(ask: Callable[..., Asked]) -> None:
     for value in ("", [], 7, None):
         server.take(value)
     assert server.state()["screen"] == "trial" and not server.fault and session.done == 0
+
+
+def test_a_resumed_session_has_no_practice(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask()
+    answer_all(server, session, upto=3)
+    server.close()
+    session.close()
+    again, resumed, _ = ask()
+    assert resumed.done == 3 and again.state()["screen"] == "begin" and again.state()["practices"] == 0
+    order(again, **{"continue": True})
+    assert again.state()["number"] == 3
+    answer_all(again, resumed)
+    assert resumed.done == 8
