@@ -5,6 +5,7 @@ so the force ends if the driver dies. The axes equal those of D: right-handed, x
 """
 
 import math
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Final
@@ -29,8 +30,8 @@ FORCE_N: Final = 2.0
 PENDING_MAX: Final = 4
 """Most messages without an answer [count]. A slow service gets no further commands."""
 
-WAIT_S: Final = 0.0003
-"""Time that a tick waits for the answer to its last message [s]."""
+SOONEST_S, LATEST_S = 0.0009, 0.0013
+"""Times after a message at which its answer is due [s]. A tick that begins between them waits for it."""
 
 IGNORED_COUNT: Final = 50
 """Consecutive states without the commanded force before this is reported [count]."""
@@ -58,7 +59,7 @@ class Inverse3Connection(Connection):
     ) -> None:
         super().__init__()
         self._field, self._middle, self._name = field, (x_m, y_m, z_m), f"inverse3: {uri}"
-        self._pending = self._ignored = 0
+        self._pending, self._ignored, self._sent_s = 0, 0, 0.0
         self._status: dict[str, Any] = {}
         self._link = Link(uri, 2.0)
         self._id = ""
@@ -86,16 +87,17 @@ class Inverse3Connection(Connection):
         if self._pending > PENDING_MAX and force != (0.0, 0.0, 0.0):
             return
         try:
-            self._link.send(force_message(self._id, self._field, force))
+            self._link.send(force_message(self._id, self._field, force).encode())
         except OSError as error:
             raise self._gone(error) from None
-        self._pending += 1
+        self._pending, self._sent_s = self._pending + 1, time.monotonic()
 
     def _gone(self, error: OSError) -> DeviceError:
         return DeviceError(f"{self._name}: the service has disconnected ({error}); restart it")
 
     def read(self) -> None:
-        wait_s = WAIT_S
+        age_s = time.monotonic() - self._sent_s
+        wait_s = max(0.0, LATEST_S - age_s) if age_s >= SOONEST_S else 0.0
         while self._pending > 0:
             message = self._receive(wait_s)
             if message is None:
@@ -117,7 +119,8 @@ class Inverse3Connection(Connection):
             return
         state = self.state[0]
         self._timeout.received()
-        state.p_DT_m = [value - middle for value, middle in zip(p, self._middle, strict=True)]
+        middle = self._middle
+        state.p_DT_m = p[0] - middle[0], p[1] - middle[1], p[2] - middle[2]
         state.v_DT_m_s = numbers(inner, "cursor_velocity") or math.nan
         if "status" in entry:
             self._status = part(entry, "status")
@@ -135,8 +138,8 @@ class Inverse3Connection(Connection):
 
     def _is_ignored(self, inner: dict[str, Any]) -> bool:
         """Whether the device has ignored the commanded force for `IGNORED_COUNT` states."""
-        measured = numbers(inner, "current_cursor_force")
-        sent = self.state.ready[0] == 1 and math.hypot(*self.state.f_D_N[0].tolist()) > 0.1
+        measured, state = numbers(inner, "current_cursor_force"), self.state[0]
+        sent = state.ready == 1 and math.hypot(*state.f_D_N.tolist()) > 0.1
         self._ignored = self._ignored + 1 if sent and measured == (0.0, 0.0, 0.0) else 0
         return self._ignored > IGNORED_COUNT
 
@@ -147,13 +150,15 @@ class Inverse3Connection(Connection):
         if not inner:
             inner = part(first(content, "wireless_verse_grip"), "state")
             buttons = sum(1 << i for i, name in enumerate("abc") if part(inner, "buttons").get(name) is True)
-        self.state.buttons = buttons
+        state = self.state[0]
+        state.buttons = buttons
         q = numbers(inner, "orientation", "xyzw")
         if q is not None and any(q):
-            self.state.R_DT = rotation_of(np.array(q))
+            state.R_DT = rotation_of(np.array(q))
 
     def write(self) -> None:
-        self._send(clip_force(self.state.f_D_N[0], FORCE_N) if self.state.ready[0] == 1 else (0.0, 0.0, 0.0))
+        state = self.state[0]
+        self._send(clip_force(state.f_D_N.tolist(), FORCE_N) if state.ready == 1 else (0.0, 0.0, 0.0))
 
     def close(self) -> None:
         if self._id:

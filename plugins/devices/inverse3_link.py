@@ -1,19 +1,33 @@
-"""WebSocket to Haply's Inverse service, read without another thread. Not a driver."""
+"""WebSocket (RFC 6455) to Haply's Inverse service, read without another thread. Not a driver.
 
+The package websockets makes the connection. Its frames take ten times as long as those here, and need a thread, for
+which a tick would wait.
+"""
+
+import select
 import socket
+import struct
 import time
 from contextlib import suppress
-from typing import Any, Final, Self
+from typing import Final, Self
 
 from hapscene.errors import DeviceError
 
 __all__ = ["LINK_MODULES", "Link"]
 
-LINK_MODULES: Final = ("websockets.client", "websockets.exceptions", "websockets.frames", "websockets.uri")
+LINK_MODULES: Final = ("websockets.client", "websockets.exceptions", "websockets.uri")
 """Modules that are imported when a link is opened (`Driver.imports`)."""
 
-SIZE: Final = 1 << 16
-"""Most bytes of one read from the system."""
+CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0, 1, 2, 8, 9, 10
+
+LAST, MASKED = 0x80, 0x80
+"""Bit of the last frame of a message, and of a frame with a mask."""
+
+MESSAGE_MAX: Final = 1 << 20
+"""Largest message [bytes]."""
+
+WRITE_S: Final = 0.05
+"""Longest time that a message may block [s]."""
 
 CLOSE_S: Final = 0.2
 """Time that the service has to answer the closing message [s]."""
@@ -34,20 +48,26 @@ class Link:
             from websockets.uri import parse_uri
         except ImportError:
             raise DeviceError("inverse3: websockets is not installed; pip install 'hapscene[serve]'") from None
-        self._socket = socket.socket()
-        self._messages: list[bytes] = []
-        self._frames: list[bytes] = []  # of a message that is not complete
+        self._socket, self._data, self._message = socket.socket(), b"", b""
         try:
             place = parse_uri(uri)
-            self._protocol: Any = ClientProtocol(place, max_size=1 << 20)
             self._socket.close()
             self._socket = socket.create_connection((place.host, place.port), wait_s)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._protocol.send_request(self._protocol.connect())
-            end_s = time.monotonic() + wait_s
-            while not self._is_open():
-                self._flush()
-                self._take(max(1e-3, end_s - time.monotonic()))
+            handshake = ClientProtocol(place)
+            handshake.send_request(handshake.connect())
+            self._socket.sendall(b"".join(handshake.data_to_send()))
+            answer, end_s = b"", time.monotonic() + wait_s
+            while b"\r\n\r\n" not in answer:
+                self._socket.settimeout(max(1e-3, end_s - time.monotonic()))
+                if not (data := self._socket.recv(1 << 16)):
+                    raise ConnectionResetError("closed")
+                answer += data
+            head, _, self._data = answer.partition(b"\r\n\r\n")
+            handshake.receive_data(head + b"\r\n\r\n")
+            if handshake.handshake_exc is not None:
+                raise handshake.handshake_exc
+            self._socket.settimeout(0.0)
         except (OSError, ValueError, WebSocketException) as error:
             self._socket.close()
             raise DeviceError(
@@ -59,33 +79,43 @@ class Link:
         """Return the next message; None if there is none within a time.
 
         Raises:
-            OSError: the service has closed the connection.
+            OSError: the service has closed the connection, or sends invalid frames.
         """
-        if not self._messages:
-            with suppress(TimeoutError, BlockingIOError):
-                self._take(wait_s)
-        return self._messages.pop(0) if self._messages else None
+        message = self._next()
+        if message is None:
+            if wait_s > 0.0:
+                select.select([self._socket], [], [], wait_s)
+            with suppress(BlockingIOError):
+                if not (data := self._socket.recv(1 << 16)):
+                    raise ConnectionResetError("closed")
+                self._data += data
+                message = self._next()
+        return message
 
-    def send(self, text: str) -> None:
+    def send(self, data: bytes, kind: int = TEXT) -> None:
         """Send a message.
 
         Raises:
-            OSError: the service has closed the connection, or accepts no data for 50 ms.
+            OSError: the service has closed the connection, or accepts no data for `WRITE_S`.
         """
-        if not self._is_open():
-            raise ConnectionResetError("closed")
-        self._protocol.send_text(text.encode())
-        self._flush()
+        # a mask of 0 leaves the data as they are; masks protect proxies, of which there is none on this computer
+        size = bytes((MASKED | len(data),)) if len(data) < 126 else struct.pack(">BH", MASKED | 126, len(data))
+        frame, end_s = bytes((LAST | kind,)) + size + b"\0\0\0\0" + data, time.monotonic() + WRITE_S
+        while frame:
+            try:
+                frame = frame[self._socket.send(frame) :]
+            except BlockingIOError:
+                if time.monotonic() > end_s:
+                    raise TimeoutError("it accepts no data") from None
+                select.select([], [self._socket], [], WRITE_S)
 
     def close(self) -> None:
         """Close the connection. Raises nothing; may be called twice."""
-        with suppress(OSError):
-            if self._is_open():
-                self._protocol.send_close()
-                self._flush()
-                end_s = time.monotonic() + CLOSE_S
-                while time.monotonic() < end_s:  # unread data would reset the connection, and discard what was sent
-                    self._take(CLOSE_S)
+        with suppress(OSError, ValueError):  # select raises ValueError for a closed socket
+            self.send(struct.pack(">H", 1000), CLOSE)
+            end_s = time.monotonic() + CLOSE_S
+            while time.monotonic() < end_s:  # unread data would reset the connection, and discard what was sent
+                self.receive(CLOSE_S)
         self._socket.close()
 
     def __enter__(self) -> Self:
@@ -94,28 +124,33 @@ class Link:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _is_open(self) -> bool:
-        if self._protocol.handshake_exc is not None:
-            raise self._protocol.handshake_exc
-        return self._protocol.state.name == "OPEN"
-
-    def _take(self, wait_s: float) -> None:
-        """Receive what has arrived, or arrives within a time."""
-        self._socket.settimeout(wait_s)
-        data = self._socket.recv(SIZE)
-        self._protocol.receive_data(data) if data else self._protocol.receive_eof()
-        for event in self._protocol.events_received():
-            if getattr(event, "opcode", 8) < 8:  # neither the answer to the handshake nor a control frame
-                self._frames.append(bytes(event.data))
-                if event.fin:
-                    self._messages.append(b"".join(self._frames))
-                    self._frames.clear()
-        self._flush()  # answers to pings
-        if not data:
-            raise ConnectionResetError("closed")
-
-    def _flush(self) -> None:
-        self._socket.settimeout(0.05)
-        for data in self._protocol.data_to_send():
-            if data:
-                self._socket.sendall(data)
+    def _next(self) -> bytes | None:
+        """Remove the next complete message from the received data; None if there is none."""
+        data = self._data
+        while len(data) >= 2:
+            head, size, at = data[0], data[1], 2
+            if size == 126 and len(data) >= 4:
+                (size,), at = struct.unpack_from(">H", data, 2), 4
+            elif size == 127 and len(data) >= 10:
+                (size,), at = struct.unpack_from(">Q", data, 2), 10
+            elif size > 125:
+                if size > 127:
+                    raise ConnectionAbortedError("a frame of the service has a mask")
+                return None
+            if size + len(self._message) > MESSAGE_MAX:
+                raise ConnectionAbortedError("a message of the service is too long")
+            if len(data) < at + size:
+                return None
+            content, data = data[at : at + size], data[at + size :]
+            self._data = data
+            kind = head & 0x0F
+            if kind == CLOSE:
+                raise ConnectionResetError("closed")
+            if kind == PING:
+                self.send(content, PONG)
+            if kind <= BINARY:
+                self._message += content
+                if head & LAST:
+                    message, self._message = self._message, b""
+                    return message
+        return None
