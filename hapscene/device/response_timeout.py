@@ -2,13 +2,11 @@
 
 from typing import Final
 
-from hapscene.compiled.native import native
 from hapscene.device.driver import Connection
 from hapscene.errors import DeviceError
-from hapscene.records import Record
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["GONE_S", "PAUSE_S", "SILENCE", "ResponseTimeout", "no_answer", "note_poll"]
+__all__ = ["GONE_S", "PAUSE_S", "POLL_MAX_S", "ResponseTimeout", "no_answer"]
 
 GONE_S: Final = 0.5
 """Time without a valid answer after which a device counts as disconnected [s]. The servo stops its force after 10
@@ -20,29 +18,6 @@ PAUSE_S: Final = 0.1
 
 POLL_MAX_S: Final = 0.02
 """Longest time between two polls that counts as silence [s]."""
-
-
-SILENCE: Final = [
-    ("polled_ns", "i8"),  # time of the last poll
-    ("silent_ns", "i8"),  # time without a valid answer, pauses not counted
-    ("paused", "i8"),  # 1: there was no valid answer since a pause
-]
-"""Fields in the state of a compiled driver, which sets the last two to 0 after a valid answer."""
-
-
-@native
-def note_poll(state: Record, now: int) -> bool:
-    """Count the silence before a poll of a compiled driver, at a time `now` [ns]; return whether it was paused before.
-
-    `state` has the fields `SILENCE`.
-    """
-    since = now - state.polled_ns
-    state.silent_ns += min(since, int(POLL_MAX_S * 1e9))
-    state.polled_ns = now
-    if since > PAUSE_S * 1e9:
-        state.paused = 1
-        return True
-    return False
 
 
 def no_answer(name: str, remedy: str) -> DeviceError:

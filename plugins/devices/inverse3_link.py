@@ -76,7 +76,7 @@ class Link:
             ) from None
 
     def receive(self, wait_s: float) -> bytes | None:
-        """Return the next message; None if there is none within a time.
+        """Return the next message; None if none arrives within a time.
 
         Raises:
             OSError: the service has closed the connection, or sends invalid frames.
@@ -98,7 +98,7 @@ class Link:
         Raises:
             OSError: the service has closed the connection, or accepts no data for `WRITE_S`.
         """
-        # a mask of 0 leaves the data as they are; masks protect proxies, of which there is none on this computer
+        # a mask of 0 leaves the data as they are; masks protect proxies, which are not used on this computer
         size = bytes((MASKED | len(data),)) if len(data) < 126 else struct.pack(">BH", MASKED | 126, len(data))
         frame, end_s = bytes((LAST | kind,)) + size + b"\0\0\0\0" + data, time.monotonic() + WRITE_S
         while frame:
@@ -125,7 +125,7 @@ class Link:
         self.close()
 
     def _next(self) -> bytes | None:
-        """Remove the next complete message from the received data; None if there is none."""
+        """Remove the next message from the received data; None if it is not complete."""
         data = self._data
         while len(data) >= 2:
             head, size, at = data[0], data[1], 2

@@ -99,7 +99,8 @@ class UsbDevice:
         Raises:
             DeviceError: not connected, or no permission.
         """
-        self._name, self._closed, self._transfers = name, False, None
+        self._name, self._closed = name, False
+        self._transfers: Transfers | None = None
         try:
             devices = _devices(vendor, product, backend)
         except DeviceError as error:

@@ -31,7 +31,7 @@ PACKETS_MAX: Final = 8
 
 TRANSFER: Final = np.dtype(
     [
-        ("device", "u8"),
+        ("device_handle", "u8"),
         ("flags", "u1"),
         ("endpoint", "u1"),
         ("type", "u1"),
@@ -176,13 +176,13 @@ class Transfers:
         Raises:
             DeviceError: the backend has no such transfers.
         """
-        self._lib, self._open = getattr(usb.backend, "lib", None), True
-        if not hasattr(self._lib, "libusb_submit_transfer"):
+        if not hasattr(getattr(usb.backend, "lib", None), "libusb_submit_transfer"):
             raise DeviceError("a device with force needs libusb 1.0; use --option backend=libusb1")
+        self._lib, self._open = usb.backend.lib, True
         allocate = self._lib["libusb_alloc_transfer"]
         allocate.restype = ctypes.c_void_p
         addresses = [allocate(0) for _ in range(3)]
-        views = [(ctypes.c_ubyte * TRANSFER.itemsize).from_address(address) for address in addresses]
+        views: list[Any] = [(ctypes.c_ubyte * TRANSFER.itemsize).from_address(address) for address in addresses]
         first, second, write = (np.frombuffer(view, TRANSFER).view(np.recarray)[0] for view in views)
         state, buffers = records(1, LINE)[0], np.zeros((3, PACKET), np.uint8)
         own = np.array(addresses, np.uint64), buffers, np.zeros(PACKET, np.uint8), np.zeros(2, np.int64)
@@ -192,7 +192,7 @@ class Transfers:
         state.context = usb.backend.ctx.value
         kinds = {end.bEndpointAddress: end.bmAttributes & 3 for end in usb.get_active_configuration()[(0, 0)]}
         for k, transfer in enumerate(self.line.transfers):
-            transfer.device = usb._ctx.handle.handle.value  # pyusb has no public name for it
+            transfer.device_handle = usb._ctx.handle.handle.value  # pyusb has no public name for it
             transfer.endpoint, transfer.type = ends[k == 2], kinds[ends[k == 2]]
             transfer.length, transfer.buffer = PACKET, buffers[k].ctypes.data
             if k < 2:

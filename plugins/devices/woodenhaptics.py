@@ -20,11 +20,12 @@ from hapscene.compiled.bound_call import loaded
 from hapscene.compiled.native import native
 from hapscene.device.driver import Driver, Option
 from hapscene.device.model import Device, Limits
-from hapscene.device.response_timeout import GONE_S, SILENCE, note_poll
+from hapscene.device.response_timeout import GONE_S
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.records import records
+from hapscene_plugins.devices.silence import SILENCE, note_poll
 from hapscene_plugins.devices.usb_connection import UsbConnection
 from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 from hapscene_plugins.devices.usb_transfers import PACKETS_MAX, UsbLine, clip, discard, receive, send
