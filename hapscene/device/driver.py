@@ -170,7 +170,7 @@ class Connection:
         raise NotImplementedError
 
     def compiled(self) -> "tuple[BoundCall, BoundCall] | None":
-        """`read` and `write` as C functions that neither wait nor use Python, so that the loop needs no Python.
+        """`read` and `write` as C functions without Python, which wait for at most a fraction of a tick.
 
         They set `state.ready` to 0 at a problem, and `check` raises it. None if Python reads and writes the device.
         """

@@ -8,15 +8,20 @@ src/firmware/FalconFirmwareNovintSDK.cpp).
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.device.driver import Connection, Driver, Option, clip_force
+import numpy as np
+
+from hapscene.compiled.bound_call import loaded
+from hapscene.device.driver import Driver, Option
 from hapscene.device.model import Device, Limits
-from hapscene.device.response_timeout import ResponseTimeout
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
-from hapscene.geometry import Vector
-from hapscene.wall_clock import CLOCK, Clock
-from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, MIDDLE_M, ZERO_RAD, forward, motor_units
+from hapscene.records import records
+from hapscene.wall_clock import CLOCK
+from hapscene_plugins.devices.falcon_board import BOARD, FORCE_N, REST, SIZE, Board, read_board, write_board
+from hapscene_plugins.devices.falcon_kinematics import MIDDLE_M, ZERO_RAD
+from hapscene_plugins.devices.usb_connection import UsbConnection
 from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
+from hapscene_plugins.devices.usb_transfers import PACKET
 
 VENDOR, PRODUCT = 0x0403, 0xCB48
 OUT, IN = 0x02, 0x81
@@ -33,46 +38,24 @@ RUN = ((LATENCY, 1), (BAUD, 0x0002), (RESET, 1), (RESET, 2))
 CHUNK: Final = 62
 """Bytes of firmware in one transfer. The device echoes each transfer."""
 
-HOMING, GREEN, RED = 1, 2, 8
-HOMED: Final = 0x70
 
-HOMED_COUNT: Final = 20
-"""Consecutive packets with the homed bits before force is enabled [count], as protection from bit errors."""
-
-FORCE_N: Final = 8.0
+def _read_at(address: Any, kind: Any) -> None:
+    read_board(loaded(address, kind))
 
 
-def pack(units: tuple[int, int, int], bits: int) -> bytes:
-    """Packet with the commands of three motors, and the bits of LEDs and homing."""
-    nibbles = bytes(0x41 + (unit >> shift & 15) for unit in units for shift in (0, 4, 8, 12))
-    return b"<" + nibbles + bytes((0x41 + bits, 0x41)) + b">"
+def _write_at(address: Any, kind: Any) -> None:
+    write_board(loaded(address, kind))
 
 
-REST: Final = pack((0, 0, 0), HOMING | RED)
-"""Packet without force."""
-
-
-def unpack(packet: bytes) -> tuple[tuple[int, int, int], int] | None:
-    """Three encoder counts, and the bits of buttons and homing, of a packet of 16 bytes; None if it is invalid."""
-    if packet[0] != 0x3C or packet[15] != 0x3E or not 0 <= packet[13] - 0x41 <= 0x7F:
-        return None
-    if not all(0x41 <= byte <= 0x50 for byte in packet[1:13]):
-        return None
-    counts = [sum(packet[at + k] - 0x41 << 4 * k for k in range(4)) for at in (1, 5, 9)]
-    a, b, c = ((count ^ 0x8000) - 0x8000 for count in counts)
-    return (a, b, c), packet[13] - 0x41
-
-
-class FalconConnection(Connection):
+class FalconConnection(UsbConnection):
     """An open Falcon that runs its firmware. It answers each packet by one packet."""
 
-    def __init__(self, firmware: str | None = None, backend: str | None = None, clock: Clock = CLOCK) -> None:
-        super().__init__()
-        self._clock = clock
-        self._usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
-        self._tail, self._homed, self._timeout = b"", 0, ResponseTimeout(clock)
-        self._p: Vector = (0.0, 0.0, MIDDLE_M)
-        self._theta = (ZERO_RAD, ZERO_RAD, ZERO_RAD)
+    _name, _remedy = "falcon", "check the cable and the power"
+
+    def __init__(self, firmware: str | None = None, backend: str | None = None) -> None:
+        usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
+        super().__init__(usb, records(1, BOARD)[0], _read_at, _write_at)
+        self._board.p, self._board.theta = (0.0, 0.0, MIDDLE_M), (ZERO_RAD, ZERO_RAD, ZERO_RAD)
         try:
             self._set(RUN)
             if not self._answers():
@@ -81,17 +64,27 @@ class FalconConnection(Connection):
             self._usb.close()
             raise
 
+    def _argument(self) -> tuple[Any, ...]:
+        buffers = np.zeros(PACKET + SIZE, np.uint8), np.zeros(SIZE, np.uint8)
+        return Board(self._board, self.state[0], self._transfers.line, *buffers, self._clock)
+
     def _set(self, requests: tuple[tuple[int, int], ...]) -> None:
         for request, value in requests:
             self._usb.control(request, value)
 
     def _answers(self) -> bool:
-        """Whether the device runs its firmware."""
+        """Whether the device runs its firmware. If so, transfers for compiled code have started."""
+        self._transfers = self._usb.transfers((IN, OUT))
         for _ in range(20):
-            self._usb.write(OUT, REST)
-            for _ in range(5):
-                if self._take(self._usb.read(IN, 64, 10)):
+            self._board.silent_ns = 0
+            self.write()
+            for _ in range(10):
+                CLOCK.sleep_s(1e-3)
+                self.calls()[0]()
+                self.check()
+                if self.state.count[0] > 0:
                     return True
+        self._usb.end_transfers()
         return False
 
     def _load(self, firmware: str | None) -> None:
@@ -132,53 +125,10 @@ class FalconConnection(Connection):
 
     def _receive(self, count: int, wait_s: float) -> bytes:
         """Receive `count` bytes, or fewer on a timeout, without the status bytes of the FTDI chip."""
-        data, end_s = b"", self._clock.now_s() + wait_s
-        while len(data) < count and self._clock.now_s() < end_s:
+        data, end_s = b"", CLOCK.now_s() + wait_s
+        while len(data) < count and CLOCK.now_s() < end_s:
             data += self._usb.read(IN, 64, 20)[2:]
         return data
-
-    def _take(self, transfer: bytes) -> int:
-        """Update the state by a transfer. Returns the number of valid packets; other bytes are skipped."""
-        data, valid, newest = self._tail + transfer[2:], 0, None
-        at = data.find(b"<")
-        while 0 <= at <= len(data) - 16:
-            packet = unpack(data[at : at + 16])
-            if packet is not None:
-                newest, valid = packet, valid + 1
-            at = data.find(b"<", at + (1 if packet is None else 16))
-        self._tail = data[at:] if at >= 0 else b""
-        return valid if newest is not None and self._set_position(*newest) else 0
-
-    def _set_position(self, counts: tuple[int, int, int], bits: int) -> bool:
-        """Update the state by encoder counts. Returns False if no position of the grip matches them."""
-        state = self.state[0]
-        a, b, c = (count * COUNT_RAD + ZERO_RAD for count in counts)
-        theta = (a, b, c)
-        p = forward(theta, self._p)
-        self._homed = self._homed + 1 if bits & HOMED == HOMED and p is not None else 0
-        state.ready = int(self._homed >= HOMED_COUNT)
-        if p is None:
-            return False
-        self._p, self._theta = p, theta
-        self._timeout.received()
-        state.p_DT_m = (p[0], MIDDLE_M - p[2], p[1])
-        state.buttons, state.trouble = bits & 15, 0 if bits & HOMED == HOMED else 1
-        state.count += 1
-        return True
-
-    def read(self) -> None:
-        for _ in range(2):  # the first transfer may contain only the status of the FTDI chip
-            if self._take(self._usb.read(IN, 64, 1)):
-                return
-        self._timeout.check(self, "falcon", "check the cable and the power")
-
-    def write(self) -> None:
-        state = self.state[0]
-        units, bits = (0, 0, 0), HOMING | RED
-        if state.ready == 1:
-            x, y, z = clip_force(state.f_D_N, FORCE_N)
-            units, bits = motor_units((x, z, -y), self._p, self._theta), HOMING | GREEN
-        self._usb.write(OUT, pack(units, bits))
 
     def close(self) -> None:
         self._usb.close(OUT, REST)

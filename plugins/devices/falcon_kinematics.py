@@ -7,7 +7,11 @@ up, z out of the device, towards the hand.
 import math
 from typing import Any, Final
 
+from hapscene.compiled.native import native
 from hapscene.geometry import Vector
+
+NOWHERE: Final = (math.nan, math.nan, math.nan)
+"""Result where there is no solution."""
 
 MIDDLE_M: Final = 0.125
 """z in F of the origin of D, where each axis has a range of about 5 cm."""
@@ -33,14 +37,15 @@ STEP_M: Final = 1e-8
 """Step of Newton's method at which the forward kinematics stop [m]."""
 
 
-def solve(A: list[tuple[float, float, float]], b: tuple[float, float, float]) -> Vector | None:
-    """Solve A x = b by Cramer's rule; None if A is singular. Faster than NumPy for three unknowns."""
+@native
+def solve(A: tuple[Vector, Vector, Vector], b: Vector) -> Vector:
+    """Solve A x = b by Cramer's rule; NaN if A is singular."""
     (a, d, g), (p, q, r), (u, v, w) = A
     m0, m1, m2 = q * w - r * v, r * u - p * w, p * v - q * u
     det = a * m0 + d * m1 + g * m2
     size = (abs(a) + abs(d) + abs(g)) * (abs(p) + abs(q) + abs(r)) * (abs(u) + abs(v) + abs(w))
     if not abs(det) > 1e-9 * size:
-        return None
+        return NOWHERE
     b0, b1, b2 = b
     x = b0 * m0 + d * (r * b2 - b1 * w) + g * (b1 * v - q * b2)
     y = a * (b1 * w - r * b2) + b0 * m1 + g * (p * b2 - b1 * u)
@@ -48,53 +53,55 @@ def solve(A: list[tuple[float, float, float]], b: tuple[float, float, float]) ->
     return x / det, y / det, z / det
 
 
-def closure(p: Vector, theta: tuple[float, float, float]) -> tuple[Any, Any, Any]:
-    """Closure errors of the three shins, their gradients by p (a row for each leg), and their derivatives by each
-    angle.
+@native
+def closure(p: Any, angle: float, k: int) -> tuple[float, Vector, float]:
+    """Closure error of the shin of leg `k`, its gradient by p, and its derivative by the angle of the leg.
 
     A shin is a parallelogram of side b with links d and e at its ends. Seen along the axis v of its leg, the knee has
     the distance ρ = d + e + √(b² − v²) from the plate.
     """
     a, b, c, links, f, r, s = LEG
-    gaps, rows, turns = [], [], []
-    for (cos, sin), angle in zip(TURN, theta, strict=True):
-        u = cos * p[0] + sin * p[1] - r + c - a * math.cos(angle)
-        v = -sin * p[0] + cos * p[1] - s + f
-        w = p[2] - a * math.sin(angle)
-        rho = math.sqrt(u * u + w * w)
-        share = (rho - links) / rho if rho > 0.0 else 0.0
-        gaps.append(0.5 * ((rho - links) ** 2 + v * v - b * b))
-        rows.append((share * u * cos - v * sin, share * u * sin + v * cos, share * w))
-        turns.append(share * a * (u * math.sin(angle) - w * math.cos(angle)))
-    return gaps, rows, turns
+    cos, sin = TURN[k]
+    u = cos * p[0] + sin * p[1] - r + c - a * math.cos(angle)
+    v = -sin * p[0] + cos * p[1] - s + f
+    w = p[2] - a * math.sin(angle)
+    rho = math.sqrt(u * u + w * w)
+    share = (rho - links) / rho if rho > 0.0 else 0.0
+    gap = 0.5 * ((rho - links) ** 2 + v * v - b * b)
+    gradient = share * u * cos - v * sin, share * u * sin + v * cos, share * w
+    return gap, gradient, share * a * (u * math.sin(angle) - w * math.cos(angle))
 
 
-def forward(theta: tuple[float, float, float], start: Vector = (0.0, 0.0, MIDDLE_M)) -> Vector | None:
-    """Grip position in F [m] for three leg angles [rad], by Newton's method from `start`; None if none fits."""
-    p = start
+@native
+def forward(theta: Any, start: Any) -> Vector:
+    """Grip position in F [m] for three leg angles [rad], by Newton's method from `start`; NaN if none fits."""
+    x, y, z = start[0], start[1], start[2]
     for _ in range(20):
-        gaps, rows, _turns = closure(p, theta)
-        step = solve(rows, (-gaps[0], -gaps[1], -gaps[2]))
-        if step is None:
-            return None
-        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        first, row0, _turn0 = closure((x, y, z), theta[0], 0)
+        second, row1, _turn1 = closure((x, y, z), theta[1], 1)
+        third, row2, _turn2 = closure((x, y, z), theta[2], 2)
+        dx, dy, dz = solve((row0, row1, row2), (-first, -second, -third))
+        size = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if math.isnan(size):
+            return NOWHERE
         share = min(1.0, 0.02 / size) if size > 0.0 else 1.0
-        p = (p[0] + share * step[0], p[1] + share * step[1], p[2] + share * step[2])
+        x, y, z = x + share * dx, y + share * dy, z + share * dz
         if size < STEP_M:
-            inside = abs(p[0]) < 0.12 and abs(p[1]) < 0.12 and 0.04 < p[2] < 0.2  # the other is behind the device
-            return p if inside else None
-    return None
+            inside = abs(x) < 0.12 and abs(y) < 0.12 and 0.04 < z < 0.2  # the other solution is behind the device
+            return (x, y, z) if inside else NOWHERE
+    return NOWHERE
 
 
-def motor_units(force: Vector, p: Vector, theta: tuple[float, float, float]) -> tuple[int, int, int]:
+@native
+def motor_units(force: Vector, p: Any, theta: Any) -> tuple[int, int, int]:
     """Motor commands for a force in F [N], Jᵀ f. Scaled down together if one exceeds the limit."""
-    _, rows, turns = closure(p, theta)
-    columns = [(rows[0][i], rows[1][i], rows[2][i]) for i in range(3)]
-    weights = solve(columns, force)
-    if weights is None:
+    _gap0, (a, b, c), turn0 = closure(p, theta[0], 0)
+    _gap1, (d, e, f), turn1 = closure(p, theta[1], 1)
+    _gap2, (g, h, i), turn2 = closure(p, theta[2], 2)
+    u, v, w = solve(((a, d, g), (b, e, h), (c, f, i)), force)
+    x, y, z = -turn0 * u / UNIT_N_m, -turn1 * v / UNIT_N_m, -turn2 * w / UNIT_N_m
+    most = max(abs(x), abs(y), abs(z))
+    if not math.isfinite(most):
         return 0, 0, 0
-    units = [-turn * weight / UNIT_N_m for turn, weight in zip(turns, weights, strict=True)]
-    most = max(map(abs, units))
     share = min(1.0, UNIT_MAX / most) if most > 0.0 else 1.0
-    x, y, z = (round(share * unit) for unit in units)
-    return x, y, z
+    return round(share * x), round(share * y), round(share * z)

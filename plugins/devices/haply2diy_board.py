@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
 from hapscene.compiled.native import native
-from hapscene.device.response_timeout import GONE_S, PAUSE_S, POLL_MAX_S
+from hapscene.device.response_timeout import GONE_S
 from hapscene.device.serial_port import SerialLine, discard, receive, send
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward
+from hapscene_plugins.devices.silence import SILENCE, note_poll
 
 __all__ = [
     "ANSWER",
@@ -77,12 +78,10 @@ def run_message(torques: tuple[float, float]) -> bytes:
 
 BOARD: Final = np.dtype(
     [
+        *SILENCE,
         ("homed", "i8"),  # 1: the arms were at their marks at the last setup message
         ("known", "i8"),  # 1: the angles are from the last answer, so that a jump can be detected
         ("garbled", "i8"),  # 1: synchronisation is lost; the next answer starts afresh
-        ("polled_ns", "i8"),  # time of the last read
-        ("silent_ns", "i8"),  # time without a valid answer, pauses not counted
-        ("paused", "i8"),  # 1: there was no valid answer since a pause
         ("base_m", "f8"),  # of the hardware
         ("theta", "f8", (2,)),  # angles of the first and the second arm [rad]
         ("p", "f8", (2,)),  # handle position in H [m]
@@ -110,15 +109,12 @@ def read_board(given: Board) -> None:
 
     A starved board or computer delivers many answers at once, which is no error.
     """
-    board, line, now = given.board, given.line, now_ns(given.clock)
-    if now - board.polled_ns > PAUSE_S * 1e9:
-        board.paused = 1
+    board, line = given.board, given.line
+    note_poll(board, now_ns(given.clock))
     if board.known == 1 and board.paused == 1:  # buffered answers are from before a pause
         discard(line)
         board.known = 0
     receive(line)
-    board.silent_ns += min(now - board.polled_ns, int(POLL_MAX_S * 1e9))
-    board.polled_ns = now
     at, count = 0, line.state.received
     while count - at >= ANSWER_SIZE and board.garbled == 0:
         for k in range(8):

@@ -18,6 +18,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
 from hapscene.wall_clock import CLOCK, Clock
+from hapscene_plugins.devices.inverse3_link import LINK_MODULES, Link
 from hapscene_plugins.devices.inverse3_messages import first, force_message, is_identity, listed, numbers, parse, part
 
 URI: Final = "ws://localhost:10001"
@@ -43,28 +44,6 @@ REASONS = {
 }
 
 
-def connect(uri: str, wait_s: float) -> Any:
-    """Connect to the service.
-
-    Raises:
-        DeviceError: websockets is not installed, or the service does not answer.
-    """
-    try:
-        from websockets.sync.client import connect
-    except ImportError:
-        raise DeviceError("inverse3: websockets is not installed; pip install 'hapscene[serve]'") from None
-    from websockets.exceptions import WebSocketException
-
-    try:
-        return connect(
-            uri, compression=None, open_timeout=wait_s, close_timeout=0.2, ping_interval=None, max_size=1 << 20
-        )
-    except (OSError, ValueError, WebSocketException) as error:
-        raise DeviceError(
-            f"inverse3: {uri}: no answer ({error}); start Haply's Inverse service, or name its address by --option uri="
-        ) from None
-
-
 class Inverse3Connection(Connection):
     """An open Inverse3. Each tick sends a force and receives a state."""
 
@@ -81,12 +60,12 @@ class Inverse3Connection(Connection):
         self._field, self._middle, self._name = field, (x_m, y_m, z_m), f"inverse3: {uri}"
         self._pending = self._ignored = 0
         self._status: dict[str, Any] = {}
-        self._socket = connect(uri, 2.0)
+        self._link = Link(uri, 2.0)
         self._id = ""
         self._timeout, start_s = ResponseTimeout(clock), clock.now_s()
         try:
             while not self._id:  # a service that has just started may not list the device yet
-                content = parse(self._receive(1.0) or "") or {}
+                content = parse(self._receive(1.0) or b"") or {}
                 self._id = str(first(content, "inverse3").get("device_id") or "")
                 if not self._id and clock.now_s() - start_s > 1.0:
                     raise DeviceError(f"{self._name}: the service lists no Inverse3; connect it")
@@ -96,28 +75,24 @@ class Inverse3Connection(Connection):
             self.close()
             raise
 
-    def _receive(self, wait_s: float) -> str | bytes | None:
+    def _receive(self, wait_s: float) -> bytes | None:
         """Receive a message; None on a timeout."""
-        from websockets.exceptions import ConnectionClosed
-
         try:
-            message: str | bytes = self._socket.recv(timeout=wait_s)
-        except TimeoutError:
-            return None
-        except (ConnectionClosed, OSError) as error:
-            raise DeviceError(f"{self._name}: the service has disconnected ({error}); restart it") from None
-        return message
+            return self._link.receive(wait_s)
+        except OSError as error:
+            raise self._gone(error) from None
 
     def _send(self, force: tuple[float, float, float]) -> None:
-        from websockets.exceptions import ConnectionClosed
-
         if self._pending > PENDING_MAX and force != (0.0, 0.0, 0.0):
             return
         try:
-            self._socket.send(force_message(self._id, self._field, force))
-        except (ConnectionClosed, OSError) as error:
-            raise DeviceError(f"{self._name}: the service has disconnected ({error}); restart it") from None
+            self._link.send(force_message(self._id, self._field, force))
+        except OSError as error:
+            raise self._gone(error) from None
         self._pending += 1
+
+    def _gone(self, error: OSError) -> DeviceError:
+        return DeviceError(f"{self._name}: the service has disconnected ({error}); restart it")
 
     def read(self) -> None:
         wait_s = WAIT_S
@@ -186,8 +161,7 @@ class Inverse3Connection(Connection):
                 self._send((0.0, 0.0, 0.0))
                 while self._pending > 0 and self._receive(0.05) is not None:
                     self._pending -= 1  # the service reads a message only after it has sent the last answer
-        with suppress(OSError):
-            self._socket.close()
+        self._link.close()
 
     def reason(self, trouble: int) -> str:
         return REASONS.get(trouble, "")
@@ -196,8 +170,8 @@ class Inverse3Connection(Connection):
 def find(uri: str = URI, **options: Any) -> Sequence[Found]:
     """The devices that the service on this computer lists."""
     try:
-        with connect(uri, 0.2) as socket:
-            content = parse(socket.recv(timeout=0.2)) or {}
+        with Link(uri, 0.2) as link:
+            content = parse(link.receive(0.2) or b"") or {}
     except DeviceError as error:
         trouble, _, remedy = str(error).partition("; ")
         return [Found(uri, trouble=trouble.removeprefix(f"inverse3: {uri}: "), remedy=remedy)]
@@ -228,7 +202,7 @@ DRIVER = Driver(
     button_count=3,
     rate_Hz=1000.0,
     needs="a running Inverse service; websockets (pip install 'hapscene[serve]')",
-    imports=("websockets.sync.client", "websockets.exceptions"),
+    imports=LINK_MODULES,
     options=(
         Option("uri", URI, "address of the service"),
         Option(

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from hapscene.device.driver import Found, Option
 from hapscene.errors import DeviceError
+from hapscene_plugins.devices.usb_transfers import Transfers
 
-BACKEND: Final = Option("backend", None, "pyusb backend: libusb1, libusb0, openusb, or a module with get_backend()")
+BACKEND: Final = Option("backend", None, "pyusb backend: libusb1, or a module with get_backend()")
 """Option of every USB driver."""
 
 ENDPOINT_IN: Final = 0x80
@@ -45,7 +46,7 @@ def _backend(name: str | None) -> Any:
         raise DeviceError(f"USB: pyusb is not installed; {_EXTRA}") from None
     if name is None:
         return None
-    module = f"usb.backend.{name}" if name in ("libusb0", "libusb1", "openusb") else name
+    module = "usb.backend.libusb1" if name == "libusb1" else name
     try:
         backend = importlib.import_module(module).get_backend()
     except (ImportError, AttributeError) as error:
@@ -99,6 +100,7 @@ class UsbDevice:
             DeviceError: not connected, or no permission.
         """
         self._name, self._closed = name, False
+        self._transfers: Transfers | None = None
         try:
             devices = _devices(vendor, product, backend)
         except DeviceError as error:
@@ -173,11 +175,31 @@ class UsbDevice:
         except OSError as error:  # includes USBError
             raise self._gone(error) from None
 
+    def transfers(self, ends: tuple[int, int]) -> Transfers:
+        """Start transfers for compiled code at an IN and an OUT endpoint. `close` ends them.
+
+        Raises:
+            DeviceError: the backend has no such transfers. The device is then closed.
+        """
+        try:
+            self._transfers = Transfers(self._usb, ends)
+        except DeviceError as error:
+            self.close()
+            raise DeviceError(f"{self._name}: {error}") from None
+        return self._transfers
+
+    def end_transfers(self) -> None:
+        """End the transfers for compiled code."""
+        if self._transfers is not None:
+            self._transfers.close()
+        self._transfers = None
+
     def close(self, endpoint: int = 0, last: bytes = b"") -> None:
         """Send `last` if not empty, and release the device. Raises nothing; may be called twice."""
         if self._closed:
             return  # pyusb would open the device again for a write
         self._closed = True
+        self.end_transfers()
         if last:
             with suppress(DeviceError):  # a disconnected device gives no force
                 self.write(endpoint, last)

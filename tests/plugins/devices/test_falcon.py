@@ -6,8 +6,19 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hapscene_plugins.devices.falcon import pack, unpack
-from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, LEG, TURN, UNIT_MAX, ZERO_RAD, forward, motor_units
+from hapscene_plugins.devices.falcon_board import REST, encoder_count, is_packet, pack
+from hapscene_plugins.devices.falcon_kinematics import (
+    COUNT_RAD,
+    LEG,
+    MIDDLE_M,
+    TURN,
+    UNIT_MAX,
+    ZERO_RAD,
+    forward,
+    motor_units,
+)
+
+START = (0.0, 0.0, MIDDLE_M)
 
 
 def angles(p: np.ndarray) -> np.ndarray:
@@ -48,20 +59,20 @@ def test_forward_kinematics_are_those_of_the_loops_closing() -> None:
         solved = least_squares(
             gaps, (0, 0, 0.11, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5), args=(theta,), xtol=1e-15, ftol=1e-15, gtol=1e-15
         )
-        found = forward(tuple(theta.tolist()))
+        found = forward(tuple(theta.tolist()), START)
         assert np.abs(solved.fun).max() < 1e-9
         np.testing.assert_allclose(found, solved.x[:3], atol=1e-7)
 
 
 def test_inverse_then_forward_is_where_it_was() -> None:
     for p in places(300):
-        np.testing.assert_allclose(forward(tuple(angles(p).tolist())), p, atol=1e-7)
+        np.testing.assert_allclose(forward(tuple(angles(p).tolist()), START), p, atol=1e-7)
 
 
 @pytest.mark.parametrize(("count", "z_m", "units"), [(-1463, 0.075, 135), (-516, 0.11, 242), (872, 0.17, 158)])
 def test_published_counts_and_units(count: int, z_m: float, units: int) -> None:
     theta = (count * COUNT_RAD + ZERO_RAD,) * 3
-    p = forward(theta)
+    p = forward(theta, START)
     np.testing.assert_allclose(p, (0, 0, z_m), atol=3e-5)
     assert motor_units((0.0, 0.0, 1.0), p, theta) == (-units,) * 3
 
@@ -83,7 +94,13 @@ def test_motors_saturate_before_the_wire_does() -> None:
 
 
 def test_bytes_as_published() -> None:
-    assert pack((0, 0, 0), 0) == b"<AAAAAAAAAAAAAA>"
-    assert pack((-1447, 0, 0), 0)[1:5] == b"JFKP"
-    assert unpack(b"<JFKPAAAAPPPP" + bytes([0x41 + 0x74]) + b"A>") == ((-1447, 0, -1), 0x74)
-    assert unpack(b"<JFKPAAAAPPPQAA>") is None
+    message = np.zeros(16, np.uint8)
+    pack(message, (0, 0, 0), 0)
+    assert message.tobytes() == b"<AAAAAAAAAAAAAA>"
+    assert REST == b"<AAAAAAAAAAAAJA>"
+    pack(message, (-1447, 0, 0), 0)
+    assert message[1:5].tobytes() == b"JFKP"
+    packet = np.frombuffer(b"<JFKPAAAAPPPP" + bytes([0x41 + 0x74]) + b"A>", np.uint8).copy()
+    assert is_packet(packet) and [encoder_count(packet, i) for i in range(3)] == [-1447, 0, -1]
+    packet[12] = ord("Q")
+    assert not is_packet(packet)

@@ -1,13 +1,13 @@
 """WoodenHaptics: reports as published, geometry, endpoints."""
 
-import sys
-from types import SimpleNamespace
-from typing import Any
+import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hapscene.errors import DeviceError
+from hapscene_plugins.devices.usb_transfers import TRANSFER
 from hapscene_plugins.devices.woodenhaptics import (
     DRIVER,
     GEAR,
@@ -20,7 +20,11 @@ from hapscene_plugins.devices.woodenhaptics import (
     currents,
     forward,
 )
-from tests.nightly.plugins.devices.emulators.usb_device import UsbDevice
+from tests.nightly.plugins.devices.conftest import EMULATORS
+from tests.until import until
+
+SIGNS = (1.0, -1.0, -1.0)
+"""Directions of the motors by default."""
 
 
 def test_reports_are_eight_bytes_little_endian() -> None:
@@ -43,9 +47,9 @@ def test_force_and_motors_do_the_same_work() -> None:
             rng.uniform(-1e-6, 1e-6, 3),
         )
         moved = np.array(forward(tuple(angles + step))) - forward(tuple(angles))
-        torques = np.array(currents(tuple(f), tuple(angles), "+++")) / 1000.0 * TORQUE_N_m_A / GEAR
+        torques = np.array(currents(tuple(f), tuple(angles), (1.0, 1.0, 1.0))) / 1000.0 * TORQUE_N_m_A / GEAR
         assert torques @ step == pytest.approx(moved @ f, rel=1e-2, abs=1e-9)
-        large = np.array(currents(tuple(1000.0 * f), tuple(angles), "+--"))
+        large = np.array(currents(tuple(1000.0 * f), tuple(angles), SIGNS))
         assert np.abs(large).max() == CURRENT_MAX_mA
 
 
@@ -54,37 +58,48 @@ def test_invalid_signs_are_an_error() -> None:
         DRIVER.open(signs="+-")
 
 
-class Board(UsbDevice):
+class Board:
     """A WoodenHaptics with distinct endpoints: it sends one report and records the reports that it receives."""
 
     ids, kind, ends = (VENDOR, PRODUCT), 3, (0x02, 0x81)
+    gone = silent = 0.0
 
     def __init__(self) -> None:
         self.written: list[tuple[int, bytes]] = []
-        self.read: list[int] = []
+        self.read_from: set[int] = set()
 
-    def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
-        self.written.append((ep, bytes(data)))
-        return len(data)
+    def obey(self) -> None:
+        pass
 
-    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
-        self.read.append(ep)
-        memoryview(buff).cast("B")[: REPORT.size] = REPORT.pack(100, -200, 300, 0)
-        return REPORT.size
+    def write(self, endpoint: int, data: bytes) -> None:
+        self.written.append((endpoint, data))
+
+    def read(self, endpoint: int, wait_s: float) -> bytes:
+        self.read_from.add(endpoint)
+        return REPORT.pack(100, -200, 300, 0)
 
 
-def test_reads_and_writes_use_their_own_endpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reads_and_writes_use_their_own_endpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("usb", reason="no pyusb: extra `usb`")
-    board = Board()
-    monkeypatch.setitem(sys.modules, "wooden_backend", SimpleNamespace(get_backend=lambda: board))
-    with DRIVER.open(homed=True, backend="wooden_backend") as device:
-        device.read()
-        x, y, z = forward(body_angles((100, -200, 300)))
+    monkeypatch.syspath_prepend(EMULATORS)
+    monkeypatch.setenv("HAPSCENE_USB", str(tmp_path / "wire"))
+    wire, board = pytest.importorskip("usb_wire"), Board()
+    threading.Thread(target=wire.serve, args=(board, str(tmp_path / "wire")), daemon=True).start()
+    until(lambda: (tmp_path / "wire").exists())
+    x, y, z = forward(body_angles((100, -200, 300)))
+    with DRIVER.open(homed=True, backend="usb_wire") as device:
+        until(lambda: device.read() or device.state.count[0])
         np.testing.assert_allclose(device.state.p_DT_m[0], (y, -x, z))
         device.state.f_D_N = 0.0, 0.0, 1.0
-        device.read()
         device.write()
-    assert board.read == [0x81]
+    assert board.read_from == {0x81}
     (sent, first), (ended, last) = board.written
     assert sent == ended == 0x02 and last == REPORT.pack(0, 0, 0, 0)
-    assert REPORT.unpack(first)[:3] == currents((0.0, 0.0, 1.0), body_angles((100, -200, 300)), "+--")
+    assert REPORT.unpack(first)[:3] == currents((0.0, 0.0, 1.0), body_angles((100, -200, 300)), SIGNS)
+
+
+def test_transfers_have_the_layout_of_pyusb() -> None:
+    libusb1 = pytest.importorskip("usb.backend.libusb1", reason="no pyusb: extra `usb`")
+    theirs = libusb1._libusb_transfer
+    offsets = [getattr(theirs, name).offset for name, *_ in theirs._fields_]
+    assert offsets[:-1] == [TRANSFER.fields[name][1] for name in TRANSFER.names]

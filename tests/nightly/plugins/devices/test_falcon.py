@@ -1,5 +1,7 @@
 """The Falcon's driver against a Falcon at the wire, and its geometry against another way to solve it."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ def turn(device, count: int) -> None:
     for _ in range(count):
         device.read()
         device.write()
+        time.sleep(1e-3)
 
 
 def test_boot_handshake_upload_and_run(emulate, tmp_path) -> None:

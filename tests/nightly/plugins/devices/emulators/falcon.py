@@ -20,6 +20,7 @@ class Falcon(Emulator):
         self.baud = self.modem = 0
         self.received = bytearray()
         self.out = []
+        self.sent_s = time.monotonic()
 
     def control(self, request, value):
         self.log(-1, request, value)  # kept beside the forces: the test looks at their order
@@ -54,13 +55,15 @@ class Falcon(Emulator):
             self.out.append(b"?")
 
     def read(self, endpoint, wait_s):
-        """Return two status bytes and the data, like FTDI chips; only the status if there is no data within 1 ms."""
+        """Return two status bytes and the data, as FTDI chips do 1 ms after their last transfer."""
         assert endpoint == 0x81
-        if not self.out:
-            time.sleep(0.001)
-        data = self.out.pop(0) if self.out else b""
-        if self.split and data == b"":
-            return b"\x01"  # a short read
+        now_s = time.monotonic()
+        self.sent_s = max(self.sent_s + 0.001, now_s)
+        time.sleep(self.sent_s - now_s)
+        if self.split:
+            data = self.out.pop(0) if self.out else b""
+            return b"\x01\x60" + data if data else b"\x01"  # a short read
+        data, self.out = b"".join(self.out), []
         return b"\x01\x60" + data[:62]
 
 

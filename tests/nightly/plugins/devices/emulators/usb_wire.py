@@ -5,12 +5,18 @@ and data. The backend finds the socket's name in HAPSCENE_USB; each of its threa
 one process at a time can claim the device, until it releases it or its files are closed.
 """
 
+import ctypes
 import errno
+import functools
 import os
+import shutil
 import socket
 import struct
+import subprocess
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 from usb.core import USBError, USBTimeoutError
 from usb_device import UsbDevice
@@ -73,8 +79,26 @@ def _answer(emulator, wire):
         wire.send(bytes([status]) + data)
 
 
+@functools.cache
+def compiled_library():
+    """The library that usb_wire.c makes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "libusb_wire.so"
+        source = Path(__file__).with_suffix(".c")
+        compiler = shutil.which("gcc") or "cc"
+        subprocess.run([compiler, "-shared", "-fPIC", "-O2", "-o", str(path), str(source)], check=True)
+        return ctypes.CDLL(str(path))
+
+
 class Backend(UsbDevice):
     """The device at the other end."""
+
+    ctx = handle = ctypes.c_void_p(1)
+
+    @property
+    def lib(self):
+        """The transfers that do not wait, as `lib` of pyusb's backend for libusb 1.0."""
+        return compiled_library()
 
     def __init__(self):
         self._own = threading.local()
