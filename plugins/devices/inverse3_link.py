@@ -56,7 +56,7 @@ class Link:
             ) from None
 
     def receive(self, wait_s: float) -> bytes | None:
-        """Return the next message; None if there is none within a time.
+        """Return the next message; None if none arrives within a time.
 
         Raises:
             OSError: the service has closed the connection.
