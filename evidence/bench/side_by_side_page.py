@@ -42,8 +42,7 @@ def add_peers(page: Page, sheet: Sheet | None, known: Collection[str]) -> None:
         hot, cold = (sheet.number("method", f"{kind} rounds") for kind in ("hot", "cold"))
         how = f"Rounds: {hot:g} hot, {cold:g} cold."
         machine = "; ".join(word for word in machine_words(sheet) if word not in known)
-        machine = f"as above, except {machine}" if machine else "as above"
-        page.text(f"Machine: {machine}. {how} bench/peers.csv has all ratios and sizes.")
+        page.text(f"Machine: as above{machine and f', except {machine}'}. {how} All ratios: bench/peers.csv.")
         _add_aims(page, sheet)
         for kind in ("hot", "cold"):
             if sheet.cases(f"{kind}, "):
