@@ -16,9 +16,10 @@ from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
 from hapscene_plugins.devices.openhaptics import DRIVER, OpenHapticsConnection
 from hapscene_plugins.devices.openhaptics_library import ERRORS
-from tests.nightly.plugins.devices.vendor_desk import Desk, emulator
+from tests.nightly.plugins.devices.vendor_desk import Desk, desk, emulator
 from tests.virtual_clock import StillClock
 
+__all__ = ["desk"]
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="the driver's callback is compiled")
 
 TURN = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # x right, y up, z towards the user → x right, y away, z up
