@@ -34,10 +34,8 @@ WITHIN_MS = 30.0
 REOPENED_MS = 400.0
 """The same where the device must be opened again, and its library's thread hangs [ms]."""
 
-
 HANDLE_MS = 60.0
 """The same for a handle, which plays its buffer and fades out [ms]."""
-
 
 GUARDED_MS = 200.0
 """The same for the end of the watchdog, which leaves a servo that works [ms]."""
