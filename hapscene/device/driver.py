@@ -67,7 +67,8 @@ DRIVER_FIELDS: Final = tuple(DEVICE_STATE.names or ())[: list(DEVICE_STATE.names
 
 def clip_force(force_N: Iterable[float], most_N: float) -> Vector:
     """Limit the magnitude of a force (3,), keeping its direction. Returns 0 for a force that is not finite."""
-    x, y, z = (float(part) for part in force_N)
+    a, b, c = force_N
+    x, y, z = float(a), float(b), float(c)
     size = math.sqrt(x * x + y * y + z * z)
     if not math.isfinite(size):
         return 0.0, 0.0, 0.0

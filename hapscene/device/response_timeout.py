@@ -15,7 +15,6 @@ ms."""
 PAUSE_S: Final = 0.1
 """Time without a poll from which on the last answer is too old to check the plausibility of the next one [s]."""
 
-
 POLL_MAX_S: Final = 0.02
 """Longest time between two polls that counts as silence [s]."""
 

@@ -153,7 +153,7 @@ def write_board(given: Board) -> None:
     """Send the motor commands of the force; 0 if the device is not ready."""
     board, state = given.board, given.state
     if state.ready == 1:
-        x, y, z = clip(state.f_D_N, FORCE_N)
+        x, y, z = clip((state.f_D_N[0], state.f_D_N[1], state.f_D_N[2]), FORCE_N)
         pack(given.message, motor_units((x, z, -y), board.p, board.theta), HOMING | GREEN)
     else:
         pack(given.message, (0, 0, 0), HOMING | RED)

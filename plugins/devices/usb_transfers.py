@@ -6,8 +6,8 @@ a packet that arrives between two ticks is in memory at the next. libnifalcon tr
 """
 
 import ctypes
-import math
 import time
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.entry import c_caller
 from hapscene.compiled.native import INTERPRETED, native
+from hapscene.device.driver import clip_force
 from hapscene.device.serial_port import DISCONNECTED, REFUSED, WRITE_S
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
@@ -153,14 +154,8 @@ def send(line: UsbLine, message: NDArray[np.uint8], now: int) -> None:
         _start(line, 2)
 
 
-@native
-def clip(f: NDArray[np.float64], most_N: float) -> Vector:
-    """Limit the magnitude of a force (3,), as `hapscene.device.driver.clip_force`."""
-    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-    if not math.isfinite(size):
-        return 0.0, 0.0, 0.0
-    share = min(1.0, most_N / size) if size > 0.0 else 1.0
-    return share * f[0], share * f[1], share * f[2]
+clip: Final[Callable[[Vector, float], Vector]] = native(clip_force)
+"""`clip_force` for compiled code: of a force (x, y, z)."""
 
 
 class Transfers:

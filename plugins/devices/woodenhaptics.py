@@ -165,7 +165,7 @@ def write_board(given: Board) -> None:
     board, state, words = given.board, given.state, given.words
     words[0] = words[1] = words[2] = words[3] = 0
     if state.ready == 1:
-        x, y, z = clip(state.f_D_N, FORCE_N)
+        x, y, z = clip((state.f_D_N[0], state.f_D_N[1], state.f_D_N[2]), FORCE_N)
         words[0], words[1], words[2] = currents((-y, x, z), board.angles, board.signs)
     send(given.line, given.octets, now_ns(given.clock))
 
