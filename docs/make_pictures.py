@@ -1,4 +1,4 @@
-"""Draws the pictures of README and tutorials: `python docs/make_pictures.py`, which takes some minutes.
+"""Draws the pictures of README, tutorials and gallery: `python docs/make_pictures.py`, which takes some minutes.
 
 Run it in the environment of `make nightly`. Each picture has a light and a dark version. The picture of the painter
 needs Chromium and is skipped without it.
@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,14 @@ from PIL import Image
 
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
-from hapscene.scene.scene import load_scene
+from hapscene.scene.scene import Scene, load_scene
+from hapscene.swatches.library import computed_entries, load_swatch, shipped_swatches
+from hapscene.swatches.picture import ball_png
+from hapscene.swatches.site import STYLE, _draw_spectra, _draw_tap, scale_of
+from hapscene.swatches.sound import swatch_sound, wav_bytes
+from hapscene.view.chart import new_chart, save_chart
+from hapscene.view.palette import DARK, LIGHT
+from hapscene.view.picture import write_picture
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -26,6 +34,7 @@ sys.path.insert(0, str(ROOT))
 from tests.chromium import find_chromium, launched  # noqa: E402
 
 IMG = DOCS / "img"
+GALLERY = DOCS / "results" / "gallery"
 SCENE = ROOT / "assets" / "demo.scene.json"
 
 PATIENCE_S = 120.0
@@ -51,10 +60,35 @@ def main() -> None:
             _hapscene("view", pebble, "--size", 800, 560, "--out", IMG / f"pebble{dark}.png", *option)
             film = ("--size", 600, 375)
             _hapscene("view", SCENE, "--touch", out / "touch.npz", *film, "--out", IMG / f"demo{dark}.gif", *option)
+        gallery(folder)
 
 
 def _hapscene(*words: Any) -> None:
     subprocess.run([sys.executable, "-m", "hapscene", *map(str, words)], cwd=ROOT, check=True)
+
+
+def gallery(folder: Path) -> None:
+    """Draw and play the swatches of docs/results/gallery.md."""
+    for entry in computed_entries():
+        (GALLERY / f"{entry.name}-ball.png").write_bytes(ball_png(load_swatch(entry.name)))
+    swatches = [load_swatch(name) for name in shipped_swatches()]
+    scale, body = scale_of(swatches), folder / "body.png"
+    for swatch in swatches:
+        (GALLERY / f"{swatch.name}.wav").write_bytes(wav_bytes(swatch_sound(swatch)))
+        scene = Scene()
+        scene.add(ROOT / "assets" / "meshes" / "toad.ply", unit="m", swatch=swatch)
+        for name, theme in (("light", LIGHT), ("dark", DARK)):
+            write_picture(scene, None, body, size=(600, 560), theme=replace(theme, background=theme.page))
+            with new_chart(12.4, 3.7, style=STYLE) as chart:
+                shown, spectra, tap = chart.subplots(1, 3, width_ratios=[1.3, 1.7, 1.2])
+                shown.imshow(Image.open(body).crop((0, 0, 600, 500)))  # without the legend
+                shown.set_axis_off()
+                _draw_spectra(spectra, swatch, scale)
+                _draw_tap(tap, swatch, scale)
+                spectra.set_title("stroked", loc="left")
+                tap.set_title("tapped at 100 mm/s", loc="left")
+                picture = Image.open(save_chart(chart, body, 100, dark=theme is DARK)).convert("RGB")
+            picture.quantize(256).save(GALLERY / f"{swatch.name}-{name}.png", optimize=True)
 
 
 def _pebble(folder: Path) -> Path:

@@ -22,6 +22,8 @@ import hapscene
 from hapscene.cli import app, main
 from hapscene.device.driver_registry import DRIVERS
 from hapscene.surface.effect_registry import listed
+from hapscene.swatches.library import load_swatch, shipped_swatches
+from hapscene.swatches.site import touch_page
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -36,6 +38,9 @@ DOCUMENTS = {
 """Documents outside docs/, and the names of their pages."""
 
 PICTURE = re.compile(r'<picture>\s*<source [^>]*srcset="([^"]+)">\s*<img src="([^"]+)"([^>]*)>\s*</picture>')
+
+SOUND = re.compile(r"\[sound]\(gallery/(\w+)\.wav\)")
+"""Link of the gallery to a sound, which the site follows by a link to a page to touch."""
 
 SHARED_LINE = re.compile(r"^    (\w+(?:, \w+)+): (.+(?:\n {5,}.+)*)", re.MULTILINE)
 """A line in a section of a docstring that describes several names, as in `low_m, high_m: corners`."""
@@ -58,6 +63,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, page, content=linked(text)))
     for page, text in (("cli", command_page()), ("effects", effect_page()), ("drivers", driver_page())):
         files.append(File.generated(config, f"reference/{page}.md", content=text))
+    for name in shipped_swatches():
+        content = touch_page(load_swatch(name))
+        files.append(File.generated(config, f"results/gallery/{name}-touch.html", content=content))
     modules = public_modules()
     home: dict[int, str] = {}
     for module in modules:
@@ -196,7 +204,8 @@ def module_page(module: ModuleType, modules: list[ModuleType], home: dict[int, s
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Let pictures with a light and a dark version follow the palette that the reader chose."""
+    """Let pictures with a light and a dark version follow the palette that the reader chose; link pages to touch."""
+    markdown = SOUND.sub(r"\g<0>, [touch it](gallery/\1-touch.html)", markdown)
     return PICTURE.sub(r'<img src="\2#only-light"\3 loading="lazy"><img src="\1#only-dark"\3 loading="lazy">', markdown)
 
 

@@ -302,8 +302,10 @@ def _clustered(solid: _Solid, cells: float) -> _Solid:
     place = solid.vertices_m - solid.vertices_m.min(axis=0)
     cell = np.floor(place * np.where(border, BORDER_FINER, 1.0) * (cells / place.max())).astype(np.int64)
     key = (cell[:, 0] << 40 | cell[:, 1] << 20 | cell[:, 2]) * 2 + border[:, 0]
-    key = key * 8 + _octant(solid)  # keeps the two sides of a thin wall apart
-    _, group = np.unique(key, return_inverse=True)
+    _, first, key = np.unique(key, return_index=True, return_inverse=True)
+    normal = _normals(solid)
+    behind = (normal * normal[first[key]]).sum(axis=1) < 0.0  # keeps the two sides of a thin wall apart
+    _, group = np.unique(2 * key + behind, return_inverse=True)
     faces = group[solid.faces]
     kept = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
     _, first = np.unique(np.sort(faces[kept], axis=1), axis=0, return_index=True)
@@ -312,12 +314,11 @@ def _clustered(solid: _Solid, cells: float) -> _Solid:
     return _Solid(vertices_m, faces[kept], *(column[kept] for column in solid[2:]))
 
 
-def _octant(solid: _Solid) -> Array:
-    """Return the octant (n,) of the normal at each vertex."""
+def _normals(solid: _Solid) -> Array:
+    """Return the normal (n, 3) at each vertex, of any length."""
     a, b, c = np.moveaxis(solid.vertices_m[solid.faces], 1, 0)
     normal = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    vertex, count = solid.faces.ravel(), len(solid.vertices_m)
-    return np.asarray(sum((np.bincount(vertex, normal[:, i], count) > 0.0) << i for i in range(3)))
+    return np.stack([np.bincount(solid.faces.ravel(), part, len(solid.vertices_m)) for part in normal.T], axis=1)
 
 
 # --- feel ---

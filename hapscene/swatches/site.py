@@ -7,6 +7,7 @@ external resources. `hapscene swatch get` reads the index. All names and texts a
 import base64
 import hashlib
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -77,7 +78,8 @@ ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction":
 
 SOUND_NOTE: Final = (
     f"Each sound is the acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s and, after {START_S:g} s, a "
-    f"stroke with {FORCE_N:g} N at {1e3 * SPEED_M_S:g} mm/s. Taps have one scale; strokes are about equally loud."
+    f"stroke with {FORCE_N:g} N at {1e3 * SPEED_M_S:g} mm/s. Taps have one scale; strokes are about equally loud, but "
+    "those over coarse ribs and gratings are so low that a small loudspeaker hardly plays them."
 )
 
 
@@ -256,7 +258,7 @@ def swatch_page(swatch: Swatch, entry: LibraryEntry, plots: Sequence[str], title
         f"<h2>Sound</h2><p>{SOUND_NOTE}</p>{_audio(stem, swatch)}",
         f'<h2>Description</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
         f"<h2>Source</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",
-        f"<h2>All parameters</h2><pre>{_numbers(swatch)}</pre></main>",
+        f"<h2>All parameters</h2><dl>{_numbers(swatch)}</dl></main>",
     ]
     return _document(f"{swatch.name}: {title}", body, POLICY)
 
@@ -311,10 +313,11 @@ def _row(swatch: Swatch, phrase: Phrase) -> str:
 
 
 def _numbers(swatch: Swatch) -> str:
-    """Return the summary of a swatch without the lines that the page shows elsewhere."""
-    above = tuple(f"  {what} " for what in ("provenance", "licence", *TOOL_FIELDS))
-    kept = (line for line in lines(swatch)[2:] if not line.startswith(above))
-    return escape("\n".join(printable(line).rstrip() for line in kept))
+    """Return the parameters of a swatch that the page does not show elsewhere, as a list with a text for each key."""
+    shown = ("provenance", "licence", *TOOL_FIELDS)
+    found = re.findall(r"^  (\S+) +(.*(?:\n {3,}.*)*)", "\n".join(map(printable, lines(swatch)[2:])), re.MULTILINE)
+    rows = {key: [_text(line) for line in text.splitlines()] for key, text in found if key not in shown}
+    return "".join(f"<dt>{escape(key)}</dt><dd>{'<br>'.join(texts)}</dd>" for key, texts in rows.items())
 
 
 def _text(text: str) -> str:
