@@ -254,9 +254,8 @@ def _vertices(solid: _Solid) -> tuple[Array, ...]:
     """
     normal = corner_normals(Mesh(solid.vertices_m, solid.faces.astype(np.int32)))
     x, y, z = (normal / np.maximum(np.abs(normal).sum(axis=1, keepdims=True), 1e-12)).T
-    folded = (
-        z < 0.0
-    )  # the lower half is folded over the upper one (Meyer et al. 2010, On floating-point normal vectors)
+    # the lower half is folded over the upper one (Meyer et al. 2010, On floating-point normal vectors)
+    folded = z < 0.0
     x, y = np.where(folded, np.copysign(1 - abs(y), x), x), np.where(folded, np.copysign(1 - abs(x), y), y)
     octahedral = np.rint(127 * np.stack([x, y], axis=1)).astype(np.int64)
     vertex, swatch = solid.faces.ravel().astype(np.int64), np.repeat(solid.swatch, 3).astype(np.int64)

@@ -9,8 +9,6 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from html import escape
 from importlib.resources import as_file, files
 from importlib.resources.abc import Traversable
@@ -66,9 +64,6 @@ MADE: Final = (SUFFIX, ".html", ".wav", "-touch.html", "-ball.png")
 """Suffixes of the files of each swatch."""
 
 NO_LICENCE: Final = "no licence stated: ask for permission before use"
-
-PAGE_BYTES_MAX: Final = 64 * 1024 * 1024
-"""Maximum size of a page from an earlier publication [bytes]."""
 
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; media-src 'self'; frame-src 'self'"
 """Content security policy: a second protection, in case a text is not escaped."""
@@ -187,7 +182,7 @@ def _published_files(folder: Path) -> set[str]:
     if not (folder / PAGE).is_file() or not (folder / INDEX).is_file():
         return set()
     with refusing(SwatchError):
-        if MARK.encode() not in read_bytes(folder / PAGE, PAGE_BYTES_MAX, "page"):
+        if MARK.encode() not in read_bytes(folder / PAGE, 8 * INDEX_BYTES_MAX, "page"):
             return set()
         data = read_bytes(folder / INDEX, INDEX_BYTES_MAX, "index")
     return _files_of(parse_index(data, str(folder / INDEX)))
@@ -287,12 +282,7 @@ def _tile(swatch: Swatch, entry: LibraryEntry) -> str:
 def _audio(stem: str, swatch: Swatch) -> str:
     label = escape(printable(f"{swatch.name}: a tap, then a stroke"))
     audio = f'<audio controls preload="none" src="{stem}.wav" aria-label="{label}"></audio>'
-    return f'{audio}<p class="detail">{_levels(swatch)}</p>'
-
-
-@lru_cache(maxsize=4096)
-def _levels(swatch: Swatch) -> str:
-    return swatch_sound(swatch).levels
+    return f'{audio}<p class="detail">{swatch_sound(swatch).levels}</p>'
 
 
 def _licence(swatch: Swatch) -> str:
@@ -339,6 +329,8 @@ STROKES: Final = ((0.5, 0.05, (0, (1, 1.2))), (1.0, 0.1, "-"), (2.0, 0.2, (0, (6
 STYLE: Final = {"axes.titlesize": 10, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
 """Differences from the common chart style."""
 
+FREQUENCIES_HZ: Final = np.geomspace(*ACCELERATION_BAND_HZ, 400)
+
 RANGE_DB: Final = 70.0
 """Dynamic range of the plotted spectra [dB]."""
 
@@ -349,8 +341,7 @@ TOUCHED_MAX: Final = 12_000
 """Largest number of triangles of the body to touch [count]: its page has about 250 kB."""
 
 
-@dataclass(frozen=True)
-class Scale:
+class Scale(NamedTuple):
     """Common axis limits of all swatches of a site: maximum level [dB] and acceleration of taps [m/s²]."""
 
     top_dB: float
@@ -385,7 +376,7 @@ def _figure(
 def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """Draw the spectra of the texture at `STROKES`."""
     for label, (level_dB, dash) in _spectra(swatch).items():
-        axes.semilogx(_frequencies(), level_dB, color=INK, linestyle=dash, label=label)
+        axes.semilogx(FREQUENCIES_HZ, level_dB, color=INK, linestyle=dash, label=label)
     axes.set(xlim=ACCELERATION_BAND_HZ, ylim=(scale.top_dB - RANGE_DB, scale.top_dB))
     axes.set(xlabel="frequency [Hz]", ylabel="[dB re 1 (m/s²)²/Hz]")
     axes.set_xticks([20, 50, 100, 200, 500, 1000], ["20", "50", "100", "200", "500", "1000"])
@@ -415,10 +406,6 @@ def _spectra(swatch: Swatch) -> dict[str, tuple[NDArray[np.float64], object]]:
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
     for force_N, speed_m_s, dash in STROKES:
         at = min(force_N, texture.force_max_N), min(speed_m_s, texture.speed_max_m_s)
-        power = gain**2 * texture.density([at[0]], [at[1]], frequency_Hz=_frequencies())[0]
+        power = gain**2 * texture.density([at[0]], [at[1]], frequency_Hz=FREQUENCIES_HZ)[0]
         found.setdefault(f"{at[0]:.2g} N, {1e3 * at[1]:.0f} mm/s", (10.0 * np.log10(np.maximum(power, 1e-12)), dash))
     return found
-
-
-def _frequencies() -> NDArray[np.float64]:
-    return np.geomspace(*ACCELERATION_BAND_HZ, 400)

@@ -38,11 +38,8 @@ STROKE_DBFS: Final = -26.0
 """A-weighted level at which strokes are played [dBFS]."""
 
 STROKE_MAX_DBFS: Final = -10.0
-"""Largest level of a stroke, root mean square [dBFS]. Coarse surfaces, which vibrate at frequencies that are hardly heard,
-reach it. `limited` changes at most 4 % of their samples, and the bands that are heard by at most 1 dB."""
-
-KNEE: Final = 0.7
-"""Sample from which the sound is limited, of the full scale [1]."""
+"""Largest level of a stroke, root mean square [dBFS], reached by coarse surfaces, whose vibration below 60 Hz is hardly
+audible. `limited` changes at most 4 % of their samples, and audible bands by at most 1 dB."""
 
 GAIN_MAX_DB: Final = 40.0
 """Largest gain of a stroke [dB]."""
@@ -130,7 +127,7 @@ def wav_bytes(sound: Sound) -> bytes:
 
 
 def limited(played: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Limit samples (n,) softly, to `PEAK_DBFS`; those below `KNEE` stay the same [of the full scale]."""
-    most = 10 ** (PEAK_DBFS / 20) - KNEE
-    over = most * np.tanh(np.maximum(np.abs(played) - KNEE, 0.0) / most)
-    return np.copysign(np.minimum(np.abs(played), KNEE) + over, played)
+    """Limit samples (n,) softly to `PEAK_DBFS`; those up to 0.7 of the full scale stay the same."""
+    knee, size = 0.7, np.abs(played)
+    most = 10 ** (PEAK_DBFS / 20) - knee
+    return np.copysign(np.minimum(size, knee) + most * np.tanh(np.maximum(size - knee, 0.0) / most), played)

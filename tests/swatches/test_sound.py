@@ -10,13 +10,7 @@ from scipy.io import wavfile
 
 import hapscene
 from hapscene.surface.swatch import Swatch
-from hapscene.swatches.sound import (
-    EASE_S,
-    FULL_SCALE_M_S2,
-    START_S,
-    swatch_sound,
-    wav_bytes,
-)
+from hapscene.swatches.sound import EASE_S, FULL_SCALE_M_S2, START_S, swatch_sound, wav_bytes
 
 WOOD = hapscene.load_swatch("wood")
 
