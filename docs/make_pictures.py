@@ -21,7 +21,7 @@ from hapscene.paint.web.page import Page
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.swatches.library import computed_entries, load_swatch, shipped_swatches
 from hapscene.swatches.picture import ball_png
-from hapscene.swatches.site import STYLE, _draw_spectra, _draw_tap, scale_of
+from hapscene.swatches.site import STYLE, draw_spectra, draw_tap, scale_of
 from hapscene.swatches.sound import swatch_sound, wav_bytes
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import DARK, LIGHT
@@ -83,8 +83,8 @@ def gallery(folder: Path) -> None:
                 shown, spectra, tap = chart.subplots(1, 3, width_ratios=[1.3, 1.7, 1.2])
                 shown.imshow(Image.open(body).crop((0, 0, 600, 500)))  # without the legend
                 shown.set_axis_off()
-                _draw_spectra(spectra, swatch, scale)
-                _draw_tap(tap, swatch, scale)
+                draw_spectra(spectra, swatch, scale)
+                draw_tap(tap, swatch, scale)
                 spectra.set_title("stroked", loc="left")
                 tap.set_title("tapped at 100 mm/s", loc="left")
                 picture = Image.open(save_chart(chart, body, 100, dark=theme is DARK)).convert("RGB")

@@ -360,7 +360,7 @@ def _plots(swatch: Swatch, scale: Scale) -> list[str]:
     """Return the figures of spectra and tap as HTML with inline SVG."""
     spectra = "Spectra of the texture for a light, a medium and a fast stroke."
     tap = f"Acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s."
-    return [_figure("Spectra", spectra, _draw_spectra, swatch, scale), _figure("Tap", tap, _draw_tap, swatch, scale)]
+    return [_figure("Spectra", spectra, draw_spectra, swatch, scale), _figure("Tap", tap, draw_tap, swatch, scale)]
 
 
 def _figure(
@@ -373,7 +373,7 @@ def _figure(
     return f"<figure><h3>{title}</h3>{drawing}<figcaption>{caption}</figcaption></figure>\n"
 
 
-def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
+def draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """Draw the spectra of the texture at `STROKES`."""
     for label, (level_dB, dash) in _spectra(swatch).items():
         axes.semilogx(FREQUENCIES_HZ, level_dB, color=INK, linestyle=dash, label=label)
@@ -387,7 +387,7 @@ def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
         axes.legend(loc="best", handlelength=2.4, borderaxespad=0.3, labelspacing=0.25)
 
 
-def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
+def draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """Draw the acceleration of a tap over time."""
     count = round(1e-3 * TAP_MS * ACCELERATION_RATE_HZ)
     wave = np.zeros(count)

@@ -9,6 +9,7 @@ opacity = () => pressed($("look")) ? 0 : OPACITY;
 let audio = null, move = () => {}, level = 0;
 
 async function load_sound(unpacked) {
+  if (navigator.audioSession) navigator.audioSession.type = "playback";  // sounds on an iPhone that is muted, too
   audio = new AudioContext({ latencyHint: "interactive" });
   audio.onstatechange = show_sound;
   // Chromium loads no worklet from a Blob if the page is a file; without encryption, a server's page has no worklets
