@@ -11,7 +11,7 @@ from typing import Final
 from hapscene.io.files import whole_file
 from hapscene.view.chart import dark_twin, picture
 
-__all__ = ["Page", "paragraph", "shown", "table", "write_page"]
+__all__ = ["Page", "shown", "write_page"]
 
 STYLE: Final = """
 :root { color-scheme: light dark; --line: light-dark(#d8d8d8, #444); --muted: light-dark(#606060, #a0a0a0); }

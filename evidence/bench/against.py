@@ -17,7 +17,7 @@ from hapscene.scene.ply import save_mesh
 
 from .case import slide_path, sphere
 
-__all__ = ["Compared", "compare_checkouts", "lines"]
+__all__ = ["compare_checkouts", "lines"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 WORKER: Final = Path(__file__).with_name("against_worker.py")

@@ -15,7 +15,7 @@ from hapscene.errors import HapsceneError
 
 from .question import Point, Question
 
-__all__ = ["CHOSEN", "HEAD", "Choice", "Row", "all_choices", "rows_of", "sentences"]
+__all__ = ["CHOSEN", "HEAD", "Row", "all_choices", "rows_of", "sentences"]
 
 CHOSEN: Final = "cheapest setting under 1 JND"
 

@@ -13,7 +13,7 @@ from ..page import Page, shown
 from .material import Material
 from .result import SETTING, FigureResult, Number
 
-__all__ = ["TABLE_ONE", "page_of", "summary", "table_of_numbers"]
+__all__ = ["page_of", "summary", "table_of_numbers"]
 
 PAPER: Final = (
     "K. J. Kuchenbecker, J. Romano and W. McMahan, “Haptography: Capturing and Recreating the Rich Feel of Real "

@@ -45,7 +45,7 @@ from hapscene.io.files import Json
 from hapscene.render.contact_info import Impulse
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["BATCH_MAX", "SILENT_S", "Answer", "BridgeServer"]
+__all__ = ["Answer", "BridgeServer"]
 
 SILENT_S: Final = 2.0
 """Time without packets after which another client can connect [s]."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hapscene.render.recording import Recording
     from hapscene.render.renderer import Command, Renderer
 
-__all__ = ["RATIO_MAX", "Array", "Bridge", "ChatterWarning", "Simulation", "crosses", "free_mobility", "ratio_max"]
+__all__ = ["Bridge", "ChatterWarning", "Simulation", "crosses", "free_mobility"]
 
 Array = NDArray[np.float64]
 

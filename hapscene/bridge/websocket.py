@@ -18,7 +18,7 @@ from hapscene.web.listener import WebListener
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
-__all__ = ["CONNECTIONS_MAX", "MESSAGE_MAX", "WebSocketBridge"]
+__all__ = ["WebSocketBridge"]
 
 MESSAGE_MAX: Final = 32 * 1024 * 1024
 """Longest message [bytes]: a mesh of half a million faces."""

@@ -9,17 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-__all__ = [
-    "SMOOTHING_HZ",
-    "TAPER_S",
-    "WHITE",
-    "autocorrelation",
-    "residual_power",
-    "smoothed",
-    "solve",
-    "solve_orders",
-    "tapered",
-]
+__all__ = ["WHITE", "autocorrelation", "residual_power", "smoothed", "solve", "solve_orders", "tapered"]
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from hapscene.dsp.noise import normal
 Array = NDArray[np.float64]
 Random = NDArray[np.uint64]
 
-__all__ = ["BOUND", "Stroke", "advance_gain", "log_power", "modulate", "play", "run_texture", "settle", "voice_fields"]
+__all__ = ["Stroke", "log_power", "modulate", "play", "run_texture", "settle", "voice_fields"]
 
 
 def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:

@@ -14,7 +14,7 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.topology import weld
 
-__all__ = ["CutFaces", "cut_faces"]
+__all__ = ["cut_faces"]
 
 
 class CutFaces(NamedTuple):

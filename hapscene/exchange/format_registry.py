@@ -26,18 +26,7 @@ from hapscene.scene.scene_file import is_own
 from hapscene.surface.swatch import Swatch
 from hapscene.view.feel_layer import Show
 
-__all__ = [
-    "EXPORTS",
-    "export_scene",
-    "format_of",
-    "import_scene",
-    "is_mesh_of",
-    "losses",
-    "painted_scene",
-    "read_named",
-    "write_obj",
-    "write_ply",
-]
+__all__ = ["EXPORTS", "export_scene", "format_of", "import_scene", "is_mesh_of", "losses", "painted_scene"]
 
 # Export to formats without scenes: PLY and OBJ, which keep swatch names. World frame, metres.
 

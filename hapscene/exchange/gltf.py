@@ -38,7 +38,7 @@ from hapscene.surface.swatch_file import swatch_to_json
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, corner_normals, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
-__all__ = ["SOURCE", "Z_UP", "glb_of", "look_glb", "picture_glb", "write_gltf"]
+__all__ = ["SOURCE", "glb_of", "look_glb", "picture_glb", "write_gltf"]
 
 GLB_MAX_B: Final = 2**32 - 1
 """Maximum size of a GLB file [bytes]: the length field is a uint32."""

@@ -42,7 +42,7 @@ from hapscene.view.triangles import GAMMA
 if TYPE_CHECKING:
     from PIL import Image
 
-__all__ = ["SHOWN_MAX", "html_page", "scene_json", "write_html"]
+__all__ = ["html_page", "scene_json", "write_html"]
 
 SHOWN_MAX: Final = 150_000
 """Default of the largest number of triangles of a page [count]: about 2 MB."""

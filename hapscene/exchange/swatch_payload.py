@@ -23,14 +23,12 @@ from hapscene.swatches.library import load_swatch
 
 __all__ = [
     "VERSION",
-    "ExchangeWarning",
     "check_version",
     "digest_of",
     "fine_to_json",
     "groups_of",
     "is_digest",
     "known_swatch",
-    "order_of",
     "restore",
     "restore_fine",
     "warn_of_loss",

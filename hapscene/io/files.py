@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     import zipfile
 
 __all__ = [
-    "CONTAINER_MAX",
     "MEMORY_FREE_B",
     "METRES",
-    "VALUE_MAX",
     "Json",
     "check_file",
     "check_file_size",
@@ -36,7 +34,6 @@ __all__ = [
     "naming",
     "open_zip",
     "parse_format",
-    "parse_json",
     "read_bytes",
     "refusing",
     "short",

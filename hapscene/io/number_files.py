@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["TOO_MUCH", "Npz", "lines_of", "numbered", "open_npz", "read_table"]
+__all__ = ["TOO_MUCH", "Npz", "numbered", "open_npz", "read_table"]
 
 LINE_MAX: Final = 65_536
 """Maximum length of a line in a table [characters]: more than a thousand columns."""

@@ -20,7 +20,7 @@ from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_fr
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["FREE_S", "GESTURES", "PRESS_N", "RAMP_S", "STROKE_N", "TOOL_KG", "act", "calm_time_s"]
+__all__ = ["GESTURES", "act"]
 
 STROKE_N: Final = 0.6
 """Force of strokes and taps [N]. People explore textures with 0.3 to 1 N."""

@@ -15,7 +15,7 @@ from hapscene.motion.look_from_above import UNSEEN, Look, between, look_from_abo
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["DEPTH_M", "HOVER_M", "STROKE_M_S", "PathBuilder", "explore"]
+__all__ = ["HOVER_M", "STROKE_M_S", "PathBuilder", "explore"]
 
 HOVER_M: Final = 0.012
 """Height above the surface at which movements start and end [m]."""

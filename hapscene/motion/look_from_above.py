@@ -18,16 +18,13 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
 __all__ = [
-    "GRID",
     "UNSEEN",
-    "WINDOW_M",
     "Line",
     "Look",
     "TopView",
     "between",
     "bounds_of",
     "caster_of",
-    "lines_of",
     "look_from_above",
     "places_to_feel",
     "window_of",

@@ -14,7 +14,7 @@ from hapscene.io.files import check_memory, refusing, whole_file
 from hapscene.io.number_files import Npz, open_npz
 from hapscene.records import Records
 
-__all__ = ["FORMAT_VERSION", "Recording", "RecordingError", "load_touch", "save_touch"]
+__all__ = ["Recording", "RecordingError", "load_touch", "save_touch"]
 
 FORMAT_VERSION: Final = 2
 """Version of the npz layout; later versions are rejected. Version 1 lacks `began`, which is recomputed, and

@@ -27,15 +27,11 @@ __all__ = [
     "FinePaint",
     "Painting",
     "blend",
-    "finest_of",
-    "halves",
     "paint_faces",
-    "paint_over",
     "paint_region",
     "parts",
     "set_subfaces",
     "swatches_of",
-    "whole_faces",
 ]
 
 LEVEL_MAX: Final = 32

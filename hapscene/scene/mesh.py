@@ -29,7 +29,6 @@ __all__ = [
     "MeshWarning",
     "Part",
     "check_reading",
-    "face_colours",
     "join",
     "merged",
     "part_of",

@@ -13,7 +13,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_structure import MeshStructure, mesh_structure
 from hapscene.scene.topology import Index
 
-__all__ = ["Finding", "Report", "examine", "length", "number", "repair"]
+__all__ = ["examine", "length", "repair"]
 
 # Reports of the mesh check: findings, and their presentation as text.
 

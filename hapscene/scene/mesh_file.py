@@ -35,7 +35,7 @@ from hapscene.scene.ply import add_look, declared_counts, ply_groups, strips_to_
 from hapscene.scene.step_file import declared_by, faces_in, step_glb
 from hapscene.scene.topology import edges_of, weld
 
-__all__ = ["FORMATS", "FolderResources", "check", "files_of", "load_mesh"]
+__all__ = ["FORMATS", "FolderResources", "files_of", "load_mesh"]
 
 # Access to the files that a mesh file refers to, such as the buffers of a glTF file or the materials of an OBJ file.
 #

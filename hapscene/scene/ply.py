@@ -14,7 +14,7 @@ from hapscene.io.files import write_whole
 from hapscene.scene.material import Material, open_picture, picture_file
 from hapscene.scene.mesh import Mesh, Part
 
-__all__ = ["HEADER_MAX_B", "add_look", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh", "strips_to_faces"]
+__all__ = ["add_look", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh", "strips_to_faces"]
 
 _COMMENT: Final = "hapscene group"
 _MATERIAL: Final = "hapscene material"

@@ -25,7 +25,7 @@ from hapscene.scene.scene_file import BYTES_MAX, SUFFIX, save_scene
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["ZIP_SUFFIX", "read_bundle", "save_bundle", "unpack_bundle", "unpacked_beside"]
+__all__ = ["ZIP_SUFFIX", "read_bundle", "save_bundle", "unpacked_beside"]
 
 UNPACKED_MAX_B: Final = 2_000_000_000
 """Maximum unpacked size of a bundle [bytes]."""

@@ -51,18 +51,13 @@ if TYPE_CHECKING:
 __all__ = [
     "BODY_MAX",
     "BYTES_MAX",
-    "RUN_MAX",
     "SUFFIX",
-    "SidecarFiles",
     "check_scene_path",
     "decode_fine",
-    "decode_paint",
     "encode_fine",
-    "encode_paint",
     "is_own",
     "read_scene",
     "save_scene",
-    "sidecar_files",
 ]
 
 # Sidecar files: meshes and swatches of a scene that have no other file.

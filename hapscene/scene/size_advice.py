@@ -18,7 +18,7 @@ from hapscene.scene.mesh import UNIT_M, Mesh
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["HAND_M", "LIKELY_M", "REACH_M", "dimensions", "size_advice"]
+__all__ = ["LIKELY_M", "dimensions", "size_advice"]
 
 HAND_M: Final = (1e-3, 10.0)
 """Smallest and largest size that can be felt [m]: the position resolution of the Omni is 55 µm, which is also the

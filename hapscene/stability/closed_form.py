@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-__all__ = ["hold_coefficients", "limit_of_small_motion"]
+__all__ = ["limit_of_small_motion"]
 
 
 def limit_of_small_motion(

@@ -26,7 +26,7 @@ from hapscene.surface.effect import Effect
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 
-__all__ = ["AT_M", "HOLD", "SHEET_M", "Rig", "sheet"]
+__all__ = ["AT_M", "Rig", "sheet"]
 
 SHEET_M: Final = 0.2
 """Side of the sheet [m]. Its top is z = 0; it has no underside, so that penetration is not limited."""

@@ -30,19 +30,7 @@ from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
 
-__all__ = [
-    "DAMPINGS_NS_M",
-    "REST_M_S",
-    "STIFFNESS_N_M",
-    "WORK_J",
-    "Point",
-    "StableRegion",
-    "describe",
-    "place",
-    "trace",
-    "trace_all",
-    "try_wall",
-]
+__all__ = ["DAMPINGS_NS_M", "STIFFNESS_N_M", "Point", "StableRegion", "describe", "place", "trace", "trace_all"]
 
 REST_M_S: Final = 5e-3
 """Largest speed of a tool at rest [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, and below the

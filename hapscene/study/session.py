@@ -16,7 +16,7 @@ from hapscene.io.files import naming, read_bytes, refusing, write_whole
 from hapscene.study.plan import PLAN_MAX_B, Plan, check_name, stimuli_sha256
 from hapscene.study.trial_order import Trial, trials
 
-__all__ = ["COLUMNS", "MISSING", "PLAN", "RESULTS", "ResultsFile", "Session", "load_rows"]
+__all__ = ["MISSING", "PLAN", "RESULTS", "Session", "load_rows"]
 
 RESULTS: Final = "results.csv"
 PLAN: Final = "plan.toml"

@@ -21,19 +21,7 @@ from hapscene.study.plan import ChoiceBlock, Plan, RatingBlock, StaircaseBlock, 
 from hapscene.study.session import MISSING, PLAN, RESULTS, load_rows
 from hapscene.study.trial_order import Staircase
 
-__all__ = [
-    "CERTAINTY",
-    "Analysis",
-    "Estimate",
-    "Finding",
-    "Row",
-    "analyse",
-    "analyse_rows",
-    "d_prime",
-    "d_prime_of",
-    "mean_of_people",
-    "verdict",
-]
+__all__ = ["Analysis", "Estimate", "Finding", "Row", "analyse"]
 
 Row = Mapping[str, str]
 

@@ -32,7 +32,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["OutputPlayer", "StimulusMaker", "all_stimuli", "gain_of", "handle_player", "headphone_player", "resampled"]
+__all__ = ["OutputPlayer", "StimulusMaker", "all_stimuli", "handle_player", "headphone_player"]
 
 FADE_S: Final = 0.02
 """Duration of fade-in and fade-out, which avoid clicks [s]."""

@@ -15,7 +15,7 @@ from hapscene.study.statistics import Analysis, Estimate, Finding, Row, analyse
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK, OKABE_ITO
 
-__all__ = ["format_estimate", "report", "write_report"]
+__all__ = ["write_report"]
 
 PLOTTED: Final = {"rating": "rating", "2ifc": "d′", "staircase": "threshold"}
 """Quantity that the plot of a block shows, by the kind of the block."""

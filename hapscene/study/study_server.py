@@ -20,7 +20,7 @@ from hapscene.study.trial_order import Trial, trials
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.server import PageConnection, WebServer
 
-__all__ = ["StudyServer", "practice_trials"]
+__all__ = ["StudyServer"]
 
 GAP_S: Final = 0.4
 """Silence between the intervals of a trial [s]."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hapscene.errors import StudyError
 from hapscene.study.plan import Block, ChoiceBlock, Plan, RatingBlock, StaircaseBlock, Stimulus
 
-__all__ = ["Interval", "Staircase", "Trial", "balanced", "order", "questplus_module", "trials", "williams"]
+__all__ = ["Interval", "Staircase", "Trial", "trials"]
 
 
 @dataclass(frozen=True)

@@ -29,17 +29,7 @@ from hapscene.teleoperation.wave import (
     receive_wave,
 )
 
-__all__ = [
-    "ROLES",
-    "SCHEMES",
-    "Coupling",
-    "Endpoint",
-    "control",
-    "fill_message",
-    "new_endpoint",
-    "receive_message",
-    "set_start",
-]
+__all__ = ["Coupling", "Endpoint", "control", "fill_message", "new_endpoint", "receive_message", "set_start"]
 
 SCHEMES: Final = ("position", "wave")
 """Names of the coupling schemes: position–position controller, and wave variables (module `wave`)."""

@@ -15,7 +15,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 
-__all__ = ["START_M", "Gesture", "explore", "plate"]
+__all__ = ["START_M", "explore", "plate"]
 
 SIDE_M: Final = 0.2
 """Side of the plate [m]: wider than an Omni reaches."""

@@ -28,8 +28,6 @@ from hapscene.teleoperation.jitter_buffer import next_wave
 
 __all__ = [
     "CATCH_UP_S",
-    "CREDIT_J",
-    "DEBT_DAMPING_NS_M",
     "couple_follower",
     "couple_leader",
     "damp_debt",

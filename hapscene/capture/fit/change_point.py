@@ -17,7 +17,7 @@ import scipy
 
 from hapscene.capture.io.streams import Array
 
-__all__ = ["FLOOR", "ORDER", "change_points"]
+__all__ = ["change_points"]
 
 ORDER: Final = 8
 """Order of the AR models: four resonances up to 1.25 kHz. The order of the texture is chosen later."""

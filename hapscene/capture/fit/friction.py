@@ -15,7 +15,7 @@ from hapscene.capture.io.streams import Array
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 
-__all__ = ["EDGE_S", "Friction", "fit_friction", "no_sliding"]
+__all__ = ["fit_friction", "no_sliding"]
 
 BLOCK_S: Final = 0.05
 """Length of the blocks over which forces are averaged before the fit [s]."""

@@ -28,7 +28,7 @@ from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve_orde
 from hapscene.dsp.warped_prediction import lag_count, warp_at, warped
 from hapscene.perception import band_edges_Hz, band_jnd, bands_jnd
 
-__all__ = ["DISTANCE_RATIO", "DOMAINS", "DOMAIN_JND", "PERCEPTUAL_JND", "OrderSearch", "search_domain", "search_order"]
+__all__ = ["DOMAINS", "PERCEPTUAL_JND", "OrderSearch", "search_domain", "search_order"]
 
 ORDERS: Final = range(2, 161)
 """Orders that are tried. On the project's recordings, orders above 100 are no improvement."""

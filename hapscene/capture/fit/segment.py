@@ -32,8 +32,6 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 __all__ = [
     "BRIEF_S",
     "IMPACT",
-    "LEVEL_S",
-    "TAP_S",
     "InteractionState",
     "Run",
     "Segmentation",

@@ -10,7 +10,7 @@ import scipy
 from hapscene.capture.fit.segment import InteractionState, Segmentation, SegmentedRecording, noise, runs
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams
 
-__all__ = ["RANGE", "Stiffness", "fit_stiffness", "jackknife_half"]
+__all__ = ["fit_stiffness", "jackknife_half"]
 
 RANGE: Final = (0.1, 0.9)
 """Range of a loading that is used, relative to its largest force [1]. Below it, the contact is incomplete; above it,

@@ -19,7 +19,7 @@ from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
 
-__all__ = ["BLOCK_S", "synthesize"]
+__all__ = ["synthesize"]
 
 BLOCK_S: Final = 0.01
 """Update interval of the filter [s]. Force and speed change at less than 20 Hz; the level is ramped over the

@@ -21,8 +21,6 @@ __all__ = [
     "EXPLAINED_MIN",
     "FITTED_MAX",
     "NORMAL_95",
-    "OUTLIER",
-    "WAVE_S",
     "MeasuredTap",
     "fit_taps",
     "measure_tap",

@@ -15,7 +15,7 @@ from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoo
 from hapscene.dsp.warped_prediction import lag_count, predictor, warped
 from hapscene.surface.texture import EXPONENT_MAX, Texture
 
-__all__ = ["WINDOWS_PER_MODEL", "choose_model_count", "fit_texture"]
+__all__ = ["choose_model_count", "fit_texture"]
 
 POWER_LEAST: Final = 0.1
 """Smallest power of a model relative to that of its windows [1]; a texture is silent only at zero force or speed."""

@@ -23,7 +23,7 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import WHITE, autocorrelation, tapered
 
-__all__ = ["LOW_HZ", "NoisyModel", "density", "judged", "over_noise", "refined"]
+__all__ = ["NoisyModel", "density", "over_noise", "refined"]
 
 Complex = NDArray[np.complex128]
 

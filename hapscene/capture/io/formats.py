@@ -29,7 +29,7 @@ from hapscene.io.confined import confined
 from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
 from hapscene.io.number_files import TOO_MUCH, numbered, open_npz, read_table
 
-__all__ = ["AXES", "BYTES_MAX", "Column", "RecordingSource", "check_range", "read_mat", "read_recording_source"]
+__all__ = ["AXES", "RecordingSource", "check_range", "read_recording_source"]
 
 BYTES_MAX: Final = 1 << 30
 """Largest file, and largest unpacked content, that is read [bytes]: 20 minutes of four columns at 10 kHz."""

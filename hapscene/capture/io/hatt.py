@@ -30,7 +30,7 @@ from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
-__all__ = ["HattModels", "import_hatt", "import_many", "read_models", "read_taps"]
+__all__ = ["import_hatt", "import_many", "read_models"]
 
 TAP_RATE_HZ: Final = 1000.0
 """Sample rate of the recorded taps [Hz]; the files do not state it."""

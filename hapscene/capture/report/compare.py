@@ -20,7 +20,7 @@ from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 
-__all__ = ["Comparison", "Difference", "compare", "rank", "tap_energy"]
+__all__ = ["Comparison", "Difference", "compare", "rank"]
 
 Verdict = Literal["cannot be distinguished", "can be distinguished", "is clearly different", "cannot be compared"]
 

@@ -18,7 +18,7 @@ from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
-__all__ = ["Comparison", "HeldOut", "compare_with_recording", "sliding", "spectrum_along"]
+__all__ = ["Comparison", "HeldOut", "compare_with_recording"]
 
 BLOCK_S: Final = 0.01
 """Interval at which the model follows force and speed of a recording [s], as in `synthesize`."""
