@@ -1,6 +1,6 @@
 """The header line that a probe or a handle sends."""
 
-from hapscene.io.wire.protocol import MAGIC, VERSION, Header, sealed
+from hapscene.io.probe_protocol import MAGIC, VERSION, Header, sealed
 
 
 def header_line(header: Header) -> bytes:

@@ -15,7 +15,7 @@ from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ, DEFAU
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.teleoperation.endpoint import Coupling
-from hapscene.teleoperation.message import SAMPLE_COUNT
+from hapscene.teleoperation.jitter_buffer import SAMPLE_COUNT
 from hapscene.teleoperation.operation import Operation, OperationResult
 from hapscene.teleoperation.plate import START_M, explore, plate
 

@@ -10,10 +10,11 @@ recording = hapscene.capture.SurfaceRecording(10_000.0, acceleration_m_s2, force
 swatch = hapscene.capture.fit_swatch(recording)
 ```
 
-| package | contents |
+| module | contents |
 |---|---|
+| `recorder` | records from a probe on a serial port |
+| `time_alignment` | aligns recordings with different clocks: `join` |
 | `io` | reads recordings in several formats: `load_recording`; imports HaTT files |
-| `record` | records from a probe on a serial port; aligns recordings with different clocks: `join` |
 | `fit` | fits a swatch to a recording: `fit_swatch`; synthesises vibration for force and speed: `synthesize` |
 | `report` | HTML reports on swatches; perceptual comparison of surfaces |
 | `batch` | fits swatches to many recordings in parallel: `fit_batch` |

@@ -4,4 +4,4 @@ from .fit.synthesis import synthesize as synthesize
 from .io.hatt import import_hatt as import_hatt
 from .io.recording import SurfaceRecording as SurfaceRecording
 from .io.recording import load_recording as load_recording
-from .record.time_alignment import join as join
+from .time_alignment import join as join

@@ -14,15 +14,14 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from hapscene.capture.fit.swatch import QUALITY, FitOptions, fit_swatch
-from hapscene.capture.fit.verdict import verdict
+from hapscene.capture.fit.swatch import QUALITY, FitOptions, fit_swatch, verdict
 from hapscene.capture.io.recording import InterpolatedWarning, load_recording
 from hapscene.errors import CaptureError
 from hapscene.io.files import Json, refusing
 from hapscene.parallel import Journal, Task, TaskError, iterate_results
 from hapscene.surface.swatch_file import save_swatch
 
-__all__ = ["BatchResult", "Item", "find_recordings", "fit_batch", "swatch_names"]
+__all__ = ["BatchResult", "find_recordings", "fit_batch"]
 
 SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")
 """Suffixes of the recordings that are found in a folder; a file that is named directly may have any suffix."""

@@ -23,12 +23,12 @@ from hapscene.cli.options import (
     WorkerOptions,
 )
 from hapscene.errors import CaptureError, SwatchError, printable
-from hapscene.io.wire.port import BAUD
+from hapscene.io.probe_port import BAUD
 
 if TYPE_CHECKING:
     from hapscene.capture.batch import BatchResult
     from hapscene.capture.fit.swatch import FitOptions
-    from hapscene.capture.record.recorder import RecordingResult
+    from hapscene.capture.recorder import RecordingResult
     from hapscene.surface.swatch import Swatch
 
 __all__ = ["app"]
@@ -77,7 +77,7 @@ def fit(
     """
     for path in recordings:
         check_there(path)
-    from hapscene.capture.fit.verdict import verdict
+    from hapscene.capture.fit.swatch import verdict
     from hapscene.surface.swatch_file import SUFFIX, save_swatch
     from hapscene.surface.swatch_summary import lines
 
@@ -255,7 +255,7 @@ def record(
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 9 -o oak.hsrec
     """
-    from hapscene.capture.record.recorder import record as run
+    from hapscene.capture.recorder import record as run
     from hapscene.interrupt import interrupt_noted
 
     assert out is not None
@@ -306,7 +306,7 @@ def join(
       hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
       hapscene capture fit oak.npz --units 'acceleration=98 m/s2'
     """
-    from hapscene.capture.record.time_alignment import join as run
+    from hapscene.capture.time_alignment import join as run
 
     out = out or new_file("joined.npz")
     made = run(recordings, str(out), rate_Hz=rate)

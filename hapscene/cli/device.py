@@ -26,7 +26,7 @@ from hapscene.cli.options import (
     Seed,
 )
 from hapscene.errors import DeviceError, HandleError
-from hapscene.io.wire.port import BAUD
+from hapscene.io.probe_port import BAUD
 
 if TYPE_CHECKING:
     import numpy as np

@@ -17,9 +17,8 @@ from hapscene.errors import HandleError
 from hapscene.handle.handle_output import FEEDBACK_DELAY_MAX, Feed
 from hapscene.handle.plant import Array
 from hapscene.io.files import refusing
-from hapscene.io.wire.port import BAUD, Port
-from hapscene.io.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
-from hapscene.io.wire.unit import UNITS
+from hapscene.io.probe_port import BAUD, Port
+from hapscene.io.probe_protocol import UNITS, WRAP, Column, Decoder, Run, sample_line, sealed
 from hapscene.wall_clock import CLOCK, Clock
 
 __all__ = [

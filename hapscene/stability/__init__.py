@@ -4,9 +4,8 @@
 
 | module | content |
 |---|---|
-| `study` | writes the Z-width of a device to a folder: `hapscene lab stability` |
+| `study` | writes the Z-width of a device to a folder, with its chart: `hapscene lab stability` |
 | `z_width` | the stability region of a device, and the stability of swatches |
-| `wall_chart` | the chart of the region |
 """
 
 import lazy_loader

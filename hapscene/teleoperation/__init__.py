@@ -18,8 +18,8 @@ result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceT
 |---|---|
 | `leader_follower` | one tick of each device: arm, hand, handle, accelerometer |
 | `endpoint` | state of one end, the position–position controller |
-| `wave`, `jitter_buffer` | wave variables, passive over any link; the queue that reorders and delays messages |
-| `message` | what each end sends in a tick |
+| `wave` | wave variables, passive over any link |
+| `jitter_buffer` | what each end sends in a tick; the queue that reorders and delays messages |
 | `operation` | both devices and a simulated link with delay, jitter and loss in one compiled loop: `Operation` |
 | `plate` | a plate to touch, and a hand that explores it |
 """

@@ -14,9 +14,26 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.geometry import Vector
 from hapscene.records import Record, Records, records
-from hapscene.teleoperation.message import SAMPLE_COUNT
 
-__all__ = ["QUEUE", "advance_queue", "new_queue", "next_wave", "play_samples", "store"]
+__all__ = ["MESSAGE", "SAMPLE_COUNT", "advance_queue", "new_queue", "next_wave", "play_samples", "store"]
+
+SAMPLE_COUNT: Final = 10
+"""Acceleration samples in a message [count]: a tick of 1 ms at 10 kHz."""
+
+MESSAGE: Final = np.dtype(
+    [
+        ("tick", "i8"),  # tick of the sender, from 0; also the sequence number, since each tick sends one message
+        ("p_WT_m", "f8", (3,)),  # position of the sender's tool
+        ("v_WT_m_s", "f8", (3,)),  # its velocity, low-passed
+        ("wave_sqrtJs", "f8", (3,)),  # integral over time of the waves sent so far [√(J·s)]
+        ("wave_J", "f8"),  # energy of the waves sent so far
+        ("a_m_s2", "f8", (SAMPLE_COUNT,)),  # accelerometer samples of this tick, along the handle
+    ],
+    align=True,
+)
+"""Message that leader and follower send each other in every tick. Waves are sent as totals since the start, so that a
+lost message has no effect once the next one arrives (Niemeyer & Slotine 1998, "Towards force-reflecting teleoperation
+over the Internet")."""
 
 QUEUE_TICKS: Final = 512
 """Capacity of the queue [ticks]."""

@@ -26,8 +26,7 @@ from hapscene.handle.handle_loop import vibrate
 from hapscene.records import ROW, Record, Records, records
 from hapscene.surface.surface_arrays import TICK, Surface
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, fill_message, new_endpoint, set_start
-from hapscene.teleoperation.jitter_buffer import play_samples
-from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
+from hapscene.teleoperation.jitter_buffer import MESSAGE, SAMPLE_COUNT, play_samples
 
 if TYPE_CHECKING:
     from hapscene.render.renderer import Renderer
@@ -36,22 +35,7 @@ Array = NDArray[np.float64]
 Hand = tuple[Array, Array, Array]
 """Target, grip and push of the hand of the leader, one row per tick, as in `ReferenceTrajectory`."""
 
-__all__ = [
-    "ACCELEROMETER_CORNER_HZ",
-    "VIBRATION_CORNER_HZ",
-    "Follower",
-    "Hand",
-    "Leader",
-    "high_pass",
-    "move_by_vibration",
-    "new_follower",
-    "new_leader",
-    "new_tool",
-    "set_hand",
-    "step_follower",
-    "step_leader",
-    "tip_acceleration",
-]
+__all__ = ["Follower", "Hand", "Leader", "new_follower", "new_leader", "step_follower", "step_leader"]
 
 
 # The tool at the tip of a device: direction of the handle, acceleration along it, displacement by vibration.

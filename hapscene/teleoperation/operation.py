@@ -23,6 +23,7 @@ from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, receive_message
+from hapscene.teleoperation.jitter_buffer import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.leader_follower import (
     Array,
     Follower,
@@ -33,25 +34,8 @@ from hapscene.teleoperation.leader_follower import (
     step_follower,
     step_leader,
 )
-from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
 
-__all__ = [
-    "JITTER_MOST",
-    "SLOT_COUNT",
-    "TICK_RECORD",
-    "UP",
-    "Impairment",
-    "Line",
-    "Link",
-    "Operation",
-    "OperationResult",
-    "collect",
-    "follower_renderer",
-    "new_link",
-    "operate",
-    "post",
-    "receive",
-]
+__all__ = ["Impairment", "Operation", "OperationResult", "operate"]
 
 
 # A simulated network link with delay, jitter and loss, from a seeded random number generator.

@@ -7,7 +7,7 @@ from hapscene.device.serial_port import find_ports
 from hapscene.errors import HandleError
 from hapscene.handle.board import LiveBoard, SerialWire
 from hapscene.io.files import refusing
-from hapscene.io.wire.port import BAUD
+from hapscene.io.probe_port import BAUD
 
 BOARD: Final = (
     Option("limit_N", 3.0, "force limit [N]"),

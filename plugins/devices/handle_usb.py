@@ -6,7 +6,7 @@ from typing import Any, Final
 from hapscene.device.driver import Driver, Found, Option
 from hapscene.errors import DeviceError, HandleError
 from hapscene.handle.board import LiveBoard
-from hapscene.io.wire.port import LUMP_S, POLL_S, DrainedPort
+from hapscene.io.probe_port import LUMP_S, POLL_S, DrainedPort
 from hapscene_plugins.devices.handle_serial import BOARD, UNTRIED
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 

@@ -11,8 +11,8 @@ import trimesh
 from numpy.typing import NDArray
 
 import hapscene
+from hapscene.bridge.mujoco_bridge import SAG
 from hapscene.bridge.mujoco_file import compile_model
-from hapscene.bridge.mujoco_geom import SAG
 from hapscene.cli import main
 from hapscene.errors import FormatError
 

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.io.wire.protocol import Column, Header, sample_line
+from hapscene.io.probe_protocol import Column, Header, sample_line
 from hapscene.wall_clock import CLOCK, Clock
 from tests.header_line import header_line
 from tests.simulated_port import simulated_port, simulator_parser

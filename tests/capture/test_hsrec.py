@@ -8,7 +8,7 @@ import pytest
 from hapscene.capture import load_recording
 from hapscene.capture.io.hsrec import RecordWriter, TruncatedWarning, load_record
 from hapscene.errors import CaptureError
-from hapscene.io.wire.protocol import Column, Header, Run
+from hapscene.io.probe_protocol import Column, Header, Run
 
 HEADER = Header(1000.0, (Column("acceleration", "g", 0.5), Column("force", "N", 1.0)))
 

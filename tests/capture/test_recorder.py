@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapscene.capture import recorder
 from hapscene.capture.io.hsrec import load_record
-from hapscene.capture.record import recorder
-from hapscene.capture.record.recorder import RecordingResult, record
+from hapscene.capture.recorder import RecordingResult, record
 from hapscene.errors import CaptureError
-from hapscene.io.wire.protocol import Column, Header, sample_line
+from hapscene.io.probe_protocol import Column, Header, sample_line
 from tests.header_line import header_line
 from tests.virtual_clock import VirtualClock
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.io import wavfile
 
 from hapscene.capture.io.recording import load_recording
-from hapscene.capture.record.time_alignment import (
+from hapscene.capture.time_alignment import (
     ClockOffset,
     SampledStreams,
     clock_offset,

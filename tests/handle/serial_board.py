@@ -31,7 +31,7 @@ from hapscene.handle.board import (
 )
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
-from hapscene.io.wire.protocol import LINE_MAX, WRAP, Column, Header, checksum, sample_line
+from hapscene.io.probe_protocol import LINE_MAX, WRAP, Column, Header, checksum, sample_line
 from tests.header_line import header_line
 from tests.simulated_port import simulated_port, simulator_parser
 

@@ -14,7 +14,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.board import EMPTY, LIMITED, LIVE, RUN, START, LiveBoard, live_start
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
-from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
+from hapscene.io.probe_protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer
 from tests.header_line import header_line
 from tests.virtual_clock import DrivenClock

@@ -13,7 +13,7 @@ from hapscene.handle import board as port_module
 from hapscene.handle.board import SerialSource
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
-from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
+from hapscene.io.probe_protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer, serve
 from tests.header_line import header_line
 

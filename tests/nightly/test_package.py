@@ -128,7 +128,7 @@ def test_the_sdist_builds_the_same_wheel(built: Path) -> None:
 
 def test_every_file_of_the_tree_is_installed_and_nothing_else(installed: Installed) -> None:
     files = tree()
-    assert {"hapscene/py.typed", "hapscene/io/wire/__init__.py", "hapscene_assets/demo.scene.json"} <= files.keys()
+    assert {"hapscene/py.typed", "hapscene/io/probe_protocol.py", "hapscene_assets/demo.scene.json"} <= files.keys()
     assert len([place for place in files if place.endswith((".css", ".js", ".ply", ".obj", ".swatch"))]) > 10
     folders = [f for f in installed.site.glob("hapscene*") if f.suffix != ".dist-info"]
     found = {f.relative_to(installed.site).as_posix() for folder in folders for f in folder.rglob("*") if f.is_file()}

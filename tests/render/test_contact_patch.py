@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.render.contact_patch import spread_force
+from hapscene.render.contact_info import spread_force
 from tests.virtual_servo import VirtualServo
 
 BALL = trimesh.creation.icosphere(3, radius=0.05)  # edges of 7 mm

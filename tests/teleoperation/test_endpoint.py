@@ -13,7 +13,7 @@ from hapscene.teleoperation.endpoint import (
     receive_message,
     set_start,
 )
-from hapscene.teleoperation.message import MESSAGE
+from hapscene.teleoperation.jitter_buffer import MESSAGE
 
 TICK_S = 1e-3
 

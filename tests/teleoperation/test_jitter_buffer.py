@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from hapscene.records import records
 from hapscene.teleoperation.jitter_buffer import (
     A_EXTRA_MAX,
+    MESSAGE,
+    SAMPLE_COUNT,
     advance_queue,
     new_queue,
     next_wave,
     play_samples,
     store,
 )
-from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
 
 
 def message(tick: int) -> Any:

@@ -7,7 +7,7 @@ import pytest
 
 from hapscene.errors import HapsceneError
 from hapscene.records import records
-from hapscene.teleoperation.message import MESSAGE
+from hapscene.teleoperation.jitter_buffer import MESSAGE
 from hapscene.teleoperation.operation import JITTER_MOST, SLOT_COUNT, Impairment, Link, collect, new_link, post
 
 TICK_S = 1e-3

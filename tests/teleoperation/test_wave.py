@@ -17,7 +17,7 @@ from hapscene.teleoperation.endpoint import (
     receive_message,
     set_start,
 )
-from hapscene.teleoperation.message import MESSAGE
+from hapscene.teleoperation.jitter_buffer import MESSAGE
 from hapscene.teleoperation.wave import (
     CREDIT_J,
     DEBT_DAMPING_NS_M,

@@ -32,7 +32,7 @@ from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
-__all__ = ["QUALITY", "FitOptions", "fit_recordings", "fit_swatch", "prepare"]
+__all__ = ["QUALITY", "FitOptions", "fit_recordings", "fit_swatch", "prepare", "verdict"]
 
 STATIONARY_WINDOWS: Final = 5.0
 """Smallest median length of the stationary segments, in analysis windows, at which windows are aligned to the segments.
@@ -92,7 +92,7 @@ def fit_swatch(recording: SurfaceRecording, options: FitOptions | None = None) -
     Returns:
         A swatch with the quantities that the recording supports: texture from sliding, taps from impacts, friction,
         stiffness, damping, adhesion. `intervals` has their 95 % intervals, `absent` the reason for each quantity that
-        was not measured. `hapscene.capture.fit.verdict.verdict` summarises what the swatch can be used for.
+        was not measured. `verdict` summarises what the swatch can be used for.
 
     Raises:
         CaptureError: the recording is invalid, or no quantity can be fitted to it.
@@ -274,3 +274,26 @@ def _analysis_windows(recordings: Sequence[SegmentedRecording]) -> AnalysisWindo
     if not found:
         raise _NoSliding(no_sliding(recordings) or reason)
     return pooled(found)
+
+
+def verdict(swatch: Swatch) -> str:
+    """Verdict on a fitted swatch: "usable", "usable for …; not measured: …", or "record more: …" with the reason."""
+    measured = {
+        "texture": swatch.texture is not None,
+        "taps": swatch.taps is not None,
+        "friction": "friction_dynamic" not in swatch.absent,
+        "stiffness": "stiffness_N_m" not in swatch.absent,
+    }
+    if QUALITY in swatch.absent:
+        return f"record more: {swatch.absent[QUALITY]}"
+    usable = [name for name, known in measured.items() if known]
+    missing = [name for name, known in measured.items() if not known]
+    assumed = [word for name, word in (("force_N", "force"), ("speed_m_s", "speed")) if name in swatch.absent]
+    if not usable:
+        return f"record more: {swatch.absent.get('texture', 'no quantity was measured')}"
+    if not missing and not assumed:
+        return "usable"
+    found = ", ".join(usable)
+    if assumed and swatch.texture is not None:
+        found = found.replace("texture", f"texture (at an assumed {' and '.join(assumed)})")
+    return f"usable for {found}" + (f"; not measured: {', '.join(missing)}" if missing else "")

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
 from hapscene.io.files import check_memory, read_bytes, refusing, whole_file
-from hapscene.io.wire.protocol import COLUMN_MAX, Column, Header, Run
+from hapscene.io.probe_protocol import COLUMN_MAX, Column, Header, Run
 
 __all__ = [
     "SUFFIX",

@@ -18,9 +18,9 @@ from hapscene.capture.io.streams import ACCELERATION_MAX_M_S2, Array, direction_
 from hapscene.errors import CaptureError, warn
 from hapscene.io.files import check_memory, refusing
 from hapscene.io.number_files import TOO_MUCH
-from hapscene.io.wire.unit import UNITS
+from hapscene.io.probe_protocol import UNITS
 
-__all__ = ["WORDS", "InterpolatedWarning", "SurfaceRecording", "dft321", "load_recording", "one_axis", "rate_of"]
+__all__ = ["WORDS", "InterpolatedWarning", "SurfaceRecording", "load_recording", "rate_of"]
 
 # DFT321 combines three axes of acceleration into one signal.
 #

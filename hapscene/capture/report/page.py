@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from hapscene.capture.fit.segment import SegmentedRecording
-from hapscene.capture.fit.swatch import prepare
-from hapscene.capture.fit.verdict import verdict
+from hapscene.capture.fit.swatch import prepare, verdict
 from hapscene.capture.io.recording import WORDS, SurfaceRecording
 from hapscene.capture.io.streams import Array
 from hapscene.capture.report.numbers import LAGS, WHITE_ORDER, Comparison, HeldOut, compare_with_recording
@@ -34,7 +33,7 @@ from hapscene.surface.swatch import TOOL_FIELDS, Swatch
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["report", "write_report"]
+__all__ = ["write_report"]
 
 MODULATION_RATIO: Final = 1.6
 """Largest accepted ratio of modulation depths [1]. Two halves of a signal of 1 s differ by 1.3 to 1.5 by chance."""

@@ -9,7 +9,7 @@ from scipy.signal import resample_poly
 from hapscene.capture import load_recording, synthesize
 from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.order import search_domain
-from hapscene.capture.fit.verdict import verdict
+from hapscene.capture.fit.swatch import verdict
 from hapscene.capture.io.streams import clean, kept_share
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError

@@ -26,7 +26,7 @@ from hapscene.exchange import export_scene, import_scene
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
-from hapscene.io.wire.protocol import Column, Decoder, Header, sample_line
+from hapscene.io.probe_protocol import Column, Decoder, Header, sample_line
 from hapscene.motion.path_file import load_path
 from hapscene.paint.web.socket import number, parse, pointer_of
 from hapscene.parallel import Journal

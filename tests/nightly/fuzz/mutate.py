@@ -224,7 +224,7 @@ def _record(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
 
 
 def _probe(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
-    from hapscene.io.wire.protocol import sealed
+    from hapscene.io.probe_protocol import sealed
 
     bodies = [line.rpartition(b"*")[0] for line in content.splitlines()]
     return bodies, lambda bodies: b"".join(map(sealed, bodies))

@@ -28,9 +28,9 @@ from hapscene.capture.io.streams import Array, fill_missing
 from hapscene.errors import CaptureError
 from hapscene.io.files import check_memory, refusing
 from hapscene.io.number_files import TOO_MUCH
-from hapscene.io.wire.unit import UNITS
+from hapscene.io.probe_protocol import UNITS
 
-__all__ = ["RATIO_MIN", "ClockOffset", "JoinResult", "SampledStreams", "clock_offset", "join"]
+__all__ = ["join"]
 
 OFFSET_MAX_S: Final = 10.0
 """Largest offset between the starts of two recordings [s], for two programs started by one person."""

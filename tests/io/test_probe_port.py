@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from hapscene.errors import CaptureError
-from hapscene.io.wire.port import BAUD, Port
+from hapscene.io.probe_port import BAUD, Port
 from tests.virtual_clock import PATIENCE_S, VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, file_exists
 from hapscene.errors import CaptureError
 from hapscene.io.files import refusing
-from hapscene.io.wire.port import BAUD, Port
-from hapscene.io.wire.protocol import VERSION, Count, Decoder, Header, Run
+from hapscene.io.probe_port import BAUD, Port
+from hapscene.io.probe_protocol import VERSION, Count, Decoder, Header, Run
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["FULL", "REACHED", "SILENCE_S", "STOPPED", "RecordingResult", "record"]
+__all__ = ["RecordingResult", "record"]
 
 LEVEL_S: Final = 1.0
 """Interval between two lines with the level [s]."""

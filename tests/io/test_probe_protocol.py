@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.errors import CaptureError
-from hapscene.io.wire.protocol import (
+from hapscene.io.probe_protocol import (
     WRAP,
     Column,
     Decoder,
@@ -19,7 +19,7 @@ from hapscene.io.wire.protocol import (
 from tests.header_line import header_line
 
 HEADER = Header(1000.0, (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01)))
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "probe-protocol.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "reference" / "probe-protocol.md"
 
 
 def row(n: int) -> tuple[int, int]:

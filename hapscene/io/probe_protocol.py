@@ -1,4 +1,4 @@
-"""Line protocol of probes, version 1, as specified in docs/reference/probe-protocol.md.
+"""Line protocol of probes, version 1, as specified in docs/reference/probe-protocol.md, and units of the quantities.
 
 A header line declares the rate and the columns. Each sample is a line: its number modulo 65,536 and integers, which the
 scales in the header convert to units. Every line ends with a checksum.
@@ -7,7 +7,7 @@ scales in the header convert to units. Every line ends with a checksum.
 import binascii
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
@@ -19,7 +19,7 @@ from hapscene.errors import CaptureError
 
 __all__ = [
     "COLUMN_MAX",
-    "LINE_MAX",
+    "UNITS",
     "VERSION",
     "WRAP",
     "Column",
@@ -27,8 +27,6 @@ __all__ = [
     "Decoder",
     "Header",
     "Run",
-    "checksum",
-    "read_header",
     "sample_line",
     "sealed",
 ]
@@ -51,6 +49,31 @@ system buffer of a port (64 kB, 0.7 s at 921,600 baud), or a busy computer looks
 
 _COLUMN: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]{0,31}):([!-)+.-9;-~°²µ·]{1,16}):([0-9.eE+-]{1,16})")
 _TORN: Final = re.compile(rb"[0-9,*A-Fa-f-]*")
+
+_LENGTH: Final = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_FORCE: Final = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
+_ANGLE: Final = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0}
+
+UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "acceleration": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "mm/s2": 1e-3},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3},
+    "position": _LENGTH,
+    "force": _FORCE,
+    "tangential_force": _FORCE,
+    "friction": {"1": 1.0},
+    "depth": _LENGTH,
+    "torque": {"Nm": 1.0, "N·m": 1.0, "mNm": 1e-3, "mN·m": 1e-3},
+    "grip_force": _FORCE,
+    "contact_angle": _ANGLE,
+    "direction": _ANGLE,
+    "orientation": {"1": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},
+}
+"""Factor to SI units for each unit of each quantity. "friction" is the ratio of tangential to normal force. "depth"
+increases into the surface. "position" is along the surface; speed is its derivative, and the sliding direction follows
+from its first two axes. "contact_angle" is the angle between the axis of the tool and the surface normal, 0 if upright.
+Without it, the angle is computed from "orientation", the quaternion w, x, y, z of the tool relative to the surface,
+whose z axes are the axis of the tool and the normal."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,0 @@
-"""Recording from a probe, and time alignment of several recordings."""
