@@ -203,7 +203,7 @@ def convert(
     if not name:
         _save(scene, source, target)
     else:
-        print_files(export_scene(scene, target, name, replace=replace, show=show, cut=cut))
+        print_files(export_scene(scene, target, replace=replace, show=show, cut=cut))
         lost = (*losses(scene, name), *(["faces before they were cut"] if cut else []))
         print("not read again from this format: " + ("; ".join(lost) or "nothing; all data is kept"))
 

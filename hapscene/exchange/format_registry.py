@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import SaveConflict, SceneError, no_such
+from hapscene.errors import SaveConflict, SceneError
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.gltf import write_gltf
 from hapscene.exchange.gltf_read import read_gltf
@@ -113,14 +113,12 @@ class Export:
     """An export format.
 
     Attributes:
-        suffix: suffix of the file, with the dot.
         summary: one-line description of its use.
         write: writes a scene to a file, completely or not at all; returns the files.
         loses: properties of a scene that the format does not preserve; see the table in docs/reference/file-formats.md.
         beside: suffixes of additional files.
     """
 
-    suffix: str
     summary: str
     write: Callable[[Scene, Path], list[Path]]
     loses: tuple[str, ...]
@@ -142,13 +140,13 @@ _PAGE_LOSES = ("data to import the page again", "stiffness, damping and friction
 
 EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {
-        "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", write_gltf, _GLTF_LOSES),
-        "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLAIN_LOSES),
-        "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
-        "html": Export(".html", "page to touch in any browser, one file", write_html, _PAGE_LOSES),
+        "glb": Export("glTF in one binary file: viewers, game engines, Blender", write_gltf, _GLTF_LOSES),
+        "ply": Export("PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLAIN_LOSES),
+        "obj": Export("OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
+        "html": Export("page to touch in any browser, one file", write_html, _PAGE_LOSES),
     }
 )
-"""Export formats by name, in the order of presentation."""
+"""Export formats by suffix without the dot, in the order of presentation."""
 
 
 def _used(scene: Scene) -> list[Swatch]:
@@ -196,17 +194,14 @@ def format_of(path: str | os.PathLike[str]) -> str:
         SceneError: no format has this suffix.
     """
     suffix = Path(path).suffix
-    for name, export in EXPORTS.items():
-        if export.suffix == suffix.lower():
-            return name
-    known = ", ".join(export.suffix for export in EXPORTS.values())
-    raise SceneError(f"{path}: unsupported export format {suffix!r}; expected one of: {known}")
+    if (name := suffix[1:].lower()) in EXPORTS:
+        return name
+    raise SceneError(f"{path}: unsupported export format {suffix!r}; expected one of: .{', .'.join(EXPORTS)}")
 
 
 def export_scene(
     scene: Scene,
     path: str | os.PathLike[str],
-    name: str | None = None,
     *,
     replace: bool = False,
     show: Show = "both",
@@ -216,8 +211,7 @@ def export_scene(
 
     Args:
         scene: scene with at least one body.
-        path: file to write.
-        name: name of the format, a key of `EXPORTS`. Default: by the suffix of the path.
+        path: file to write; its suffix, a key of `EXPORTS`, is the format.
         replace: replace existing files, except meshes of the scene.
         show: layers that a GLB file shows: look, the materials of the mesh files; feel, the paint; or both, the paint
             over the materials. The paint is stored in any case.
@@ -229,16 +223,10 @@ def export_scene(
 
     Raises:
         SaveConflict: a file exists, and `replace` is False.
-        SceneError: the scene has no body, the format or suffix is unknown, the format has no layers, or the file cannot
+        SceneError: the scene has no body, the suffix is unknown, the format has no layers, or the file cannot
             be written.
     """
-    path = Path(path)
-    if name is None:
-        name = format_of(path)
-    elif name not in EXPORTS:
-        raise SceneError(no_such("format", name, EXPORTS))
-    if path.suffix.lower() != EXPORTS[name].suffix:
-        raise SceneError(f"{path}: a file of format {name} must end in {EXPORTS[name].suffix}")
+    path, name = Path(path), format_of(path)
     if not scene.bodies:
         raise SceneError(f"{path}: cannot export: the scene has no bodies")
     check_file(path, SceneError)

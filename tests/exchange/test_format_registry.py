@@ -13,36 +13,27 @@ from hapscene.scene.scene import Scene
 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> None:
-    file = tmp_path / f"desk{EXPORTS[name].suffix.upper()}"
-    made = export_scene(scene, file, name)
+    file = tmp_path / f"desk.{name.upper()}"
+    made = export_scene(scene, file)
     assert made[0] == file and all(f.stat().st_size for f in made)
     assert sorted(tmp_path.iterdir()) == sorted(made)  # nothing else stays
-    by_suffix = tmp_path / "by_suffix" / file.name
-    by_suffix.parent.mkdir()
-    export_scene(scene, by_suffix)
-    assert by_suffix.read_bytes() == file.read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [("desk.fbx", None), ("desk", None), ("desk.glb", "fbx"), ("desk.ply", "glb"), ("nowhere/desk.glb", None)],
-)
-def test_invalid_path_or_format_raises(path: str, name: str | None, scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize("path", ["desk.fbx", "desk", "nowhere/desk.glb"])
+def test_invalid_path_raises(path: str, scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(SceneError):
-        export_scene(scene, tmp_path / path, name)
+        export_scene(scene, tmp_path / path)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("name", "there"), [(name, "desk" + EXPORTS[name].suffix) for name in EXPORTS] + [("obj", "desk.mtl")]
-)
+@pytest.mark.parametrize(("name", "there"), [(name, f"desk.{name}") for name in EXPORTS] + [("obj", "desk.mtl")])
 def test_existing_file_is_replaced_on_request(name: str, there: str, scene: Scene, tmp_path: Path) -> None:
-    file = tmp_path / f"desk{EXPORTS[name].suffix}"
+    file = tmp_path / f"desk.{name}"
     (tmp_path / there).write_text("theirs")
     with pytest.raises(SaveConflict, match=there):
-        export_scene(scene, file, name)
+        export_scene(scene, file)
     assert (tmp_path / there).read_text() == "theirs" and len(list(tmp_path.iterdir())) == 1
-    assert tmp_path / there in export_scene(scene, file, name, replace=True)
+    assert tmp_path / there in export_scene(scene, file, replace=True)
     assert (tmp_path / there).read_bytes() != b"theirs"
 
 

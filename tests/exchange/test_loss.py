@@ -124,8 +124,8 @@ def measured_fine_paint(name: str, folder: Path) -> dict[str, str]:
     before = Scene()
     box = before.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m")
     before.paint("body", "wood", Sphere((0.0, 0.0, 0.01), 0.005), resolution_m=1e-3, falloff_m=0.004)
-    file = folder / f"fine_{name}{EXPORTS[name].suffix}"
-    export_scene(before, file, name)
+    file = folder / f"fine_{name}.{name}"
+    export_scene(before, file)
     back = import_scene(file, UNIT.get(name)).bodies[0]
     assert box.fine is not None and parts(box.fine.paint)[2].any()
     kept = back.fine is not None and len(back.fine) == len(box.fine)
@@ -153,8 +153,8 @@ def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPat
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name in READABLE:
-            file = folder / f"{name}{EXPORTS[name].suffix}"
-            export_scene(before, file, name)
+            file = folder / f"{name}.{name}"
+            export_scene(before, file)
             found[name] = measured(before, import_scene(file, UNIT.get(name))) | measured_fine_paint(name, folder)
     return found
 

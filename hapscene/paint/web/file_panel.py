@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from hapscene.errors import SaveConflict, SceneError
-from hapscene.exchange.format_registry import EXPORTS, export_scene, is_mesh_of, losses
+from hapscene.errors import SaveConflict
+from hapscene.exchange.format_registry import EXPORTS, export_scene, format_of, is_mesh_of, losses
 from hapscene.paint.model.document import Recovery
 from hapscene.paint.web.context import Container, PageContext, card_html, escape_html, set_html
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, save_bundle
@@ -78,15 +78,12 @@ class FilePanel:
         await self._write(lambda force: f"Saved: {session.save(path, force)}")
 
     async def _export(self, target: object) -> None:
-        if self._format.value not in EXPORTS:
-            raise SceneError(f"unknown export format: choose one of {', '.join(EXPORTS)}")
-        name, file = self._format.value, Path(str(self._target.value).strip())
-        session = self._context.session
+        file, session = Path(str(self._target.value).strip()), self._context.session
 
         def write(force: bool) -> str:
             scene = session.painting.snapshot()
-            made = export_scene(scene, file, name, replace=force)
-            lost = ", ".join(losses(scene, name)) or "nothing"
+            made = export_scene(scene, file, replace=force)
+            lost = ", ".join(losses(scene, format_of(file))) or "nothing"
             return f"Exported: {', '.join(str(path) for path in made)}. Not included: {lost}"
 
         await self._write(write)
@@ -149,12 +146,12 @@ class FilePanel:
             self._show_format()
 
     def _show_format(self) -> None:
-        export = EXPORTS.get(self._format.value)
-        if export is None:
+        suffix = self._format.value
+        if suffix not in EXPORTS:
             return
         self._show_losses()
         stem, scene = self._path.name.removesuffix(SUFFIX), self._context.session.scene
-        files = (self._path.with_name(f"{stem}{more}{export.suffix}") for more in ("", "_painted"))
+        files = (self._path.with_name(f"{stem}{more}.{suffix}") for more in ("", "_painted"))
         self._target.value = str(next((file for file in files if not is_mesh_of(scene, file)), ""))
 
     def _show_losses(self) -> None:
