@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.device.sim.point import PointMass
-from hapscene.stability.rig import Rig
+from tests.stability.free_rig import FreeRig
 
 # Growth of the slowest-decaying mode of small motion.
 #
@@ -112,7 +112,7 @@ def critical_stiffness(
         With friction alone: math.inf, since friction stops every sufficiently small motion.
         With encoder steps alone: 0.0, since nothing holds the tool between two steps.
     """
-    rig = Rig(PointMass(mass_kg, damping_Ns_m, coulomb_N, quantum_m), tick_s, delay_ticks)
+    rig = FreeRig(PointMass(mass_kg, damping_Ns_m, coulomb_N, quantum_m), tick_s, delay_ticks)
     if quantum_m == 0.0:
         if coulomb_N > 0.0:
             return math.inf
@@ -122,7 +122,7 @@ def critical_stiffness(
     return _limit_of_rest(rig, wall_damping_Ns_m)
 
 
-def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> float:
+def motion_growth(rig: FreeRig, stiffness_N_m: float, wall_damping_Ns_m: float) -> float:
     """Natural logarithm of the growth of the slowest-decaying mode of small motion per tick; below 0 if it decays.
 
     The device must have neither friction nor encoder steps. The result is rough if the motion grows to `LARGE`.
@@ -130,7 +130,7 @@ def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> f
     rig.tune(stiffness_N_m, wall_damping_Ns_m)
     delay = rig.delay_ticks + 1
     modes = delay + 2  # position, speed, the last depth, the delayed forces
-    first, turn = SAMPLES * modes, rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
+    first, turn = SAMPLES * modes, rig.tick_s * math.sqrt(stiffness_N_m / rig.device.mass_kg)
     y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, first, min(first * max(1, int(TURN / turn)), TICKS_MAX))
     if within < 2 * modes + 2:
         return math.log(LARGE / SMALL) / within
@@ -140,7 +140,7 @@ def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> f
     return growth(y[:within:stride], modes) / stride
 
 
-def _small_motion(rig: Rig, push_N: float, first: int, count: int) -> tuple[NDArray[np.float64], int]:
+def _small_motion(rig: FreeRig, push_N: float, first: int, count: int) -> tuple[NDArray[np.float64], int]:
     """Depths relative to the equilibrium (n,) [m], and the number of them that are small: `count` ticks, or fewer
     if they grow."""
     y, within = np.zeros(0), 0
@@ -154,10 +154,10 @@ def _small_motion(rig: Rig, push_N: float, first: int, count: int) -> tuple[NDAr
         felt = rig.push_on(push_N, min(8 * len(y), count - len(y)))
 
 
-def comes_to_rest(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> bool:
+def comes_to_rest(rig: FreeRig, stiffness_N_m: float, wall_damping_Ns_m: float) -> bool:
     """Whether a tool that is pushed to the middle of an encoder step comes to rest there after a small motion."""
     rig.tune(stiffness_N_m, wall_damping_Ns_m)
-    device, wait_s = rig.point, rig.tick_s * (1 + rig.delay_ticks)
+    device, wait_s = rig.device, rig.tick_s * (1 + rig.delay_ticks)
     edge = EDGE * device.quantum_m
     # friction stops the tool within a quarter of a step, and the wall reacts before it has moved an eighth
     speed = min(math.sqrt(device.c_N * device.quantum_m / (2.0 * device.mass_kg)), device.quantum_m / (8.0 * wait_s))
@@ -166,13 +166,13 @@ def comes_to_rest(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> b
     return bool((felt.v_W_m_s[-last:, 2] == 0.0).all() and felt.recording.touching[-1])
 
 
-def limit_of_motion(rig: Rig, wall_damping_Ns_m: float) -> float:
+def limit_of_motion(rig: FreeRig, wall_damping_Ns_m: float) -> float:
     """Largest stiffness at which small motion decays [N/m], or 0.0: the zero of the growth of a mode.
 
     The device must have neither friction nor encoder steps.
     """
-    mass, T = rig.point.mass_kg, rig.tick_s
-    damping = rig.point.b_Ns_m + wall_damping_Ns_m
+    mass, T = rig.device.mass_kg, rig.tick_s
+    damping = rig.device.b_Ns_m + wall_damping_Ns_m
 
     def grows(stiffness_N_m: float) -> float:
         return motion_growth(rig, stiffness_N_m, wall_damping_Ns_m)
@@ -194,9 +194,9 @@ def limit_of_motion(rig: Rig, wall_damping_Ns_m: float) -> float:
     return math.inf
 
 
-def _limit_of_rest(rig: Rig, wall_damping_Ns_m: float) -> float:
+def _limit_of_rest(rig: FreeRig, wall_damping_Ns_m: float) -> float:
     """Bisect the stiffness between rest and motion."""
-    low = high = rig.point.c_N / rig.point.quantum_m
+    low = high = rig.device.c_N / rig.device.quantum_m
     for _ in range(HALVINGS):
         if comes_to_rest(rig, low, wall_damping_Ns_m):
             break

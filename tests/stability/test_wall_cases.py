@@ -9,9 +9,9 @@ from scipy import signal
 
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.point import PointMass
-from hapscene.stability.rig import Rig
 from tests.stability import closed_form
 from tests.stability.critical import comes_to_rest, critical_stiffness
+from tests.stability.free_rig import FreeRig
 from tests.stability.wall_cases import bounce, found, largest_beta, passivity_limit, peak_speed
 
 LARGEST_BETA = (2.0, 0.8284, 0.5359, 0.3978)
@@ -35,7 +35,7 @@ def test_limit_of_rest_of_each_device() -> None:
         limit_N_m = closed_form.limit_of_rest(device.c_N, device.quantum_m)
         friction = {"coulomb_N": device.c_N, "quantum_m": device.quantum_m}
         assert critical_stiffness(device.mass_kg, device.b_Ns_m, 1e-3, **friction) == pytest.approx(limit_N_m, rel=1e-2)
-        rig = Rig(device, 1e-3)
+        rig = FreeRig(device, 1e-3)
         assert [comes_to_rest(rig, share * limit_N_m, 0.0) for share in (0.99, 1.01)] == [True, False]
         below, above = (closed_form.comes_to_rest(device.c_N, s * limit_N_m, device.quantum_m) for s in (0.99, 1.01))
         assert below and not above
@@ -83,7 +83,7 @@ def test_bounce_with_damping() -> None:
 
 def test_friction_stops_small_motion_at_any_wall() -> None:
     """The reason why the critical stiffness is infinite with friction and without encoder steps."""
-    rig = Rig(PointMass(0.05, 0.0, 0.1), 1e-3, 1)
+    rig = FreeRig(PointMass(0.05, 0.0, 0.1), 1e-3, 1)
     for stiffness in (1e3, 1e4, 1e5):
         rig.tune(stiffness)
         felt = rig.release(1e-2, 1e-6, stiffness * 1e-2, 500)

@@ -8,8 +8,9 @@ import numpy as np
 import scipy
 
 from hapscene.device.sim.point import PointMass
-from hapscene.stability.rig import AT_M, Rig
+from hapscene.stability.rig import AT_M
 from tests.stability.critical import critical_stiffness, limit_of_motion, motion_growth
+from tests.stability.free_rig import FreeRig
 
 CYCLES: Final = 40
 """Cycles after which motion with friction is classified [count]; near the limit it changes slowly."""
@@ -33,7 +34,7 @@ def apex(delay_ticks: int) -> tuple[float, float]:
     def limit(damping_Ns_m: float) -> float:
         return limit_of_motion(rig, damping_Ns_m)
 
-    rig = Rig(PointMass(1.0), 1.0, delay_ticks)
+    rig = FreeRig(PointMass(1.0), 1.0, delay_ticks)
     bounds = (0.1 / (1 + delay_ticks), 1.9 / (1 + 1.4 * delay_ticks))
     near = scipy.optimize.minimize_scalar(
         lambda B: -limit(B), bounds=bounds, method="bounded", options={"xatol": 0.02 * bounds[1]}
@@ -47,14 +48,14 @@ def apex(delay_ticks: int) -> tuple[float, float]:
 
 def largest_beta(delay_ticks: int) -> float:
     """The largest B of a stable wall for m = T = 1 and b = 0, at nearly zero stiffness."""
-    rig, stiffness = Rig(PointMass(1.0), 1.0, delay_ticks), 1e-5
+    rig, stiffness = FreeRig(PointMass(1.0), 1.0, delay_ticks), 1e-5
     return float(scipy.optimize.brentq(lambda B: motion_growth(rig, stiffness, B), 0.05, 3.0, xtol=1e-6))
 
 
 def passivity_limit(setup: dict[str, float]) -> float:
     """The stiffness at which a triangle wave at half the tick rate extracts no energy from the wall [N/m] (W3)."""
     tick_s, b, amplitude = setup["T"], setup["b"], 1e-4
-    rig = Rig(PointMass(setup["m"]), tick_s)
+    rig = FreeRig(PointMass(setup["m"]), tick_s)
     wave = 10.0 * amplitude + amplitude * (-1.0) ** np.arange(201)
     depth = np.concatenate(((-amplitude,), wave))  # from above the sheet, then in it
     path = np.stack([np.full(len(depth), AT_M[0]), np.full(len(depth), AT_M[1]), -depth], axis=1)
@@ -71,7 +72,7 @@ def passivity_limit(setup: dict[str, float]) -> float:
 
 def peak_speed(setup: dict[str, float]) -> float:
     """The largest speed of motion in contact that friction damps, where it would grow without friction [m/s] (W7)."""
-    rig = Rig(PointMass(setup["m"], setup["b"], setup["c"]), setup["T"], int(setup.get("delay", 0)))
+    rig = FreeRig(PointMass(setup["m"], setup["b"], setup["c"]), setup["T"], int(setup.get("delay", 0)))
     stiffness = setup["K"]
     rig.tune(stiffness, setup.get("B", 0.0))
     turn_1_s = math.sqrt(stiffness / setup["m"])
@@ -96,7 +97,7 @@ def peak_speed(setup: dict[str, float]) -> float:
 
 def bounce(setup: dict[str, float]) -> float:
     """Speed of a free mass after contact with the wall over the speed before [1] (W8)."""
-    rig = Rig(PointMass(setup["m"], setup["b"]), setup["T"], int(setup["delay"]))
+    rig = FreeRig(PointMass(setup["m"], setup["b"]), setup["T"], int(setup["delay"]))
     rig.tune(setup["K"], setup["B"])
     speed, contact = 0.1, math.pi * math.sqrt(setup["m"] / setup["K"]) / setup["T"]
     count = math.ceil(2.0 * contact) + rig.delay_ticks + 8

@@ -19,12 +19,13 @@ from hapscene.handle.plant import ACCELEROMETER_HZ, Plant, Sensor
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
-from hapscene.stability.rig import AT_M, Rig, sheet
+from hapscene.stability.rig import AT_M, sheet
 from hapscene.surface.field_frame import EASE_S, FADED_MOST
 from hapscene.surface.swatch import Swatch
 from hapscene_evidence.bench.handle import PARAMETERS, signals
 from tests.stability.closed_form import limit_of_small_motion
 from tests.stability.critical import DEPTH_M, growth, limit_of_motion
+from tests.stability.free_rig import FreeRig
 
 LEAD = Grip(2e3, 20.0)
 """The hand that guides the tool onto the surface."""
@@ -74,13 +75,13 @@ def test_an_omni_at_half_its_friction_is_at_rest() -> None:
     assert np.sqrt((felt.v_W_m_s[-2000:] ** 2).sum(1).mean()) < 1e-4
 
 
-class DeepRig(Rig):
+class DeepRig(FreeRig):
     """A rig whose wall damping depends on depth, with the given value at the depth of small motion."""
 
     def tune(self, stiffness_N_m: float, damping_Ns_m: float = 0.0) -> None:
         super().tune(stiffness_N_m)
         self.twin.renderer.tune("wall", hunt_crossley_Ns_m2=damping_Ns_m / DEPTH_M)
-        self._damping_Ns_m = damping_Ns_m
+        self.damping_Ns_m = damping_Ns_m
 
 
 @pytest.mark.parametrize("delay", [0, 1])
@@ -96,7 +97,7 @@ def test_restitution_of_hunt_and_crossley(speed_m_s: float) -> None:
     """a − ln(1 + a) = −a e − ln(1 − a e), a = χ v/K, of a free mass."""
     a = 500.0 * speed_m_s / 500.0
     known = brentq(lambda e: a - math.log1p(a) + a * e + math.log1p(-a * e), 1e-9, min(1.0, (1.0 - 1e-12) / a))
-    rig = Rig(PointMass(0.045), 1e-5)
+    rig = FreeRig(PointMass(0.045), 1e-5)
     rig.tune(500.0)
     rig.twin.renderer.tune("wall", hunt_crossley_Ns_m2=500.0)
     assert rig.throw(1e-4, speed_m_s, 8000).v_W_m_s[-1, 2] / speed_m_s == pytest.approx(known, rel=2e-3)
