@@ -34,7 +34,6 @@ class Finding:
         touch: effect on contact.
         advice: how to correct the defect.
         fixable: whether `hapscene.scene.mesh_doctor.repair` corrects it.
-        examples: indices of the first faces or vertices concerned.
     """
 
     kind: str
@@ -44,7 +43,6 @@ class Finding:
     touch: str
     advice: str
     fixable: bool = False
-    examples: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -153,9 +151,6 @@ def _on_edges(
 CRACK_SKINS: Final = 10.0
 """Maximum width of a crack in contact skins [1]. Wider openings are assumed to be intended."""
 
-EXAMPLE_COUNT: Final = 10
-"""Maximum number of example faces or vertices in a finding [count]."""
-
 
 class _Text(NamedTuple):
     level: str
@@ -230,15 +225,13 @@ def _skin_m(mesh: Mesh) -> float:
     return SKIN_RATIO * mesh.diagonal_m
 
 
-def _finding(kind: str, examples: NDArray[np.generic], count: int | None = None, more: str = "") -> list[Finding]:
-    """Return one finding with `count` (default: the number of examples), or an empty list if the count is 0."""
-    count = len(examples) if count is None else count
+def _finding(kind: str, count: int, more: str = "") -> list[Finding]:
+    """Return one finding, or an empty list if the count is 0."""
     if not count:
         return []
     text = _TEXT[kind]
     what = f"{number(count, text.noun)} {text.what}{more}"
-    first = tuple(examples[:EXAMPLE_COUNT].tolist())
-    return [Finding(kind, text.level, count, what, text.touch, text.advice, text.fixable, first)]
+    return [Finding(kind, text.level, count, what, text.touch, text.advice, text.fixable)]
 
 
 def _faces(mesh: Mesh, body: MeshStructure) -> list[Finding]:
@@ -251,14 +244,13 @@ def _faces(mesh: Mesh, body: MeshStructure) -> list[Finding]:
         "doubled_faces": body.doubled,
         "opposed_faces": body.opposed,
     }
-    return [finding for kind, mask in kinds.items() for finding in _finding(kind, np.flatnonzero(mask))]
+    return [finding for kind, mask in kinds.items() for finding in _finding(kind, int(np.count_nonzero(mask)))]
 
 
 def _edges(body: MeshStructure) -> list[Finding]:
     findings = []
     for kind, chosen in (("open_edges", body.edges.count == 1), ("nonmanifold_edges", body.edges.count > 2)):
-        faces = np.unique(body.edges.order[body.edges.start[chosen]] // 3)
-        findings += _finding(kind, faces, int(np.count_nonzero(chosen)))
+        findings += _finding(kind, int(np.count_nonzero(chosen)))
     return findings
 
 
@@ -284,11 +276,11 @@ def _cracks(mesh: Mesh, body: MeshStructure) -> list[Finding]:
     on_edge = np.unique(vertex)
     wide = np.concatenate([on_edge[nearest_m[on_edge] > skin_m], near[gap_m > skin_m, 0]])
     widest_m = max((0.0, *nearest_m[on_edge], *gap_m))
-    return _finding("cracks", np.unique(wide), more=f" ({length(skin_m)}), up to {length(widest_m)} wide")
+    return _finding("cracks", len(np.unique(wide)), more=f" ({length(skin_m)}), up to {length(widest_m)} wide")
 
 
 def _vertices(body: MeshStructure) -> list[Finding]:
-    return _finding("duplicate_vertices", np.flatnonzero(body.welded != np.arange(len(body.welded))))
+    return _finding("duplicate_vertices", int(np.count_nonzero(body.welded != np.arange(len(body.welded)))))
 
 
 # Repairs that neither move a vertex nor guess what was intended.
