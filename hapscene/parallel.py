@@ -3,7 +3,7 @@
     results = run_tasks(tasks, journal=out / "tasks.jsonl", scheduler="tcp://host:8786")
 
 The journal keeps each result as soon as it is known, one JSON line a task. A run that was interrupted or killed is
-continued by running the same tasks again. Tasks that are timed run alone, in this process, after the others.
+continued by running the same tasks again.
 """
 
 import hashlib
@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -43,13 +42,11 @@ class Task:
         key: name of the task, unique within a run.
         function: a function in a module that the workers can import; its result must be serialisable to JSON.
         arguments: keyword arguments, serialisable to JSON.
-        alone: run in this process without parallel tasks, so that its time can be measured.
     """
 
     key: str
     function: Callable[..., Json]
     arguments: Mapping[str, Json]
-    alone: bool = False
 
     def digest(self) -> str:
         """Return a hash of the function, the arguments and the version of hapscene."""
@@ -125,8 +122,7 @@ def run_tasks(
         task.key: notes.results[known] for task in tasks if (known := (task.key, task.digest())) in notes.results
     }
     left = [task for task in tasks if task.key not in results]
-    shared, alone = ([task for task in left if task.alone == timed] for timed in (False, True))
-    for task, result in chain(iterate_results(shared, jobs, scheduler), iterate_results(alone, 1)):
+    for task, result in iterate_results(left, jobs, scheduler):
         if isinstance(result, TaskError):
             raise HapsceneError(f"{task.key}: {result}")
         notes.add(task, result)
