@@ -15,9 +15,10 @@ Colgate & Brown 1994 introduced the term.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from hapscene.device.model import TOUCH_SPEED_M_S, device_named, limits_of
@@ -252,12 +253,7 @@ def trace_all(
         for arm in ((True, False) if device == "omni" else (False,))
     ]
     found = run_tasks(pieces, after=lambda done, of, key: say(f"Z-width {done} of {of}: {key}\n"), **workers)
-    return [_region(*found[piece.key]) for piece in pieces]
-
-
-def _region(device: str, rate_Hz: float, delay_ticks: int, *rows: Sequence[float]) -> StableRegion:
-    damping, limit, closed = (tuple(row) for row in rows)
-    return StableRegion(device, rate_Hz, delay_ticks, damping, limit, closed)
+    return [msgspec.convert(found[piece.key], StableRegion) for piece in pieces]
 
 
 NAMES: Final = {True: "Omni", False: "as a point mass"}
@@ -266,13 +262,11 @@ NAMES: Final = {True: "Omni", False: "as a point mass"}
 
 def trace_piece(
     device: str, arm: bool, rate_Hz: float, delay_ticks: int, grip: Mapping[str, float], dampings_Ns_m: Sequence[float]
-) -> tuple[object, ...]:
+) -> dict[str, object]:
     """`trace` with arguments and result as plain values, for another process."""
     point = device_named(device).point
     assert point is not None
-    return astuple(
-        trace(NAMES[arm], Omni() if arm else point, point, rate_Hz, delay_ticks, Grip(**grip), dampings_Ns_m)
-    )
+    return asdict(trace(NAMES[arm], Omni() if arm else point, point, rate_Hz, delay_ticks, Grip(**grip), dampings_Ns_m))
 
 
 def _limit(rig: Rig, damping_Ns_m: float, grip: Grip) -> float:
