@@ -90,7 +90,6 @@ def record(
     duration_s: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda line: None,
-    silence_s: float = SILENCE_S,
     *,
     clock: Clock = CLOCK,
 ) -> RecordingResult:
@@ -103,7 +102,6 @@ def record(
         duration_s: length of the recording [s]; None: until `stopped` returns True.
         stopped: called about 20 times per second.
         say: called with each line of output for the user.
-        silence_s: longest wait for the probe's header [s].
         clock: clock that measures silence, duration and sample rate.
 
     Raises:
@@ -115,7 +113,7 @@ def record(
     if place.exists():
         raise file_exists(place)
     with closing(Port(port, baud)) as opened:
-        decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped, clock)
+        decoder, runs = _wait_for_header(opened, port, baud, stopped, clock)
         assert decoder.header is not None
         with RecordWriter(place, decoder.header) as writer:
             names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
@@ -128,11 +126,11 @@ def record(
 
 
 def _wait_for_header(
-    opened: Port, port: str, baud: int, silence_s: float, stopped: Callable[[], bool], clock: Clock
+    opened: Port, port: str, baud: int, stopped: Callable[[], bool], clock: Clock
 ) -> tuple[Decoder, list[Run]]:
     """Reads until the probe's header has arrived; returns the decoder and the samples read so far."""
     decoder = Decoder()
-    deadline_s = clock.now_s() + silence_s
+    deadline_s = clock.now_s() + SILENCE_S
     while True:
         if stopped():
             raise KeyboardInterrupt
@@ -146,9 +144,9 @@ def _wait_for_header(
                 return decoder, runs
         if clock.now_s() > deadline_s:
             line = f"line `#hapscene-probe {VERSION} …`"
-            reason = f"no data in {silence_s:g} s; expected a {line}: check the cable and that the probe runs"
+            reason = f"no data in {SILENCE_S:g} s; expected a {line}: check the cable and that the probe runs"
             if decoder.byte_count:
-                found = f"{decoder.byte_count} bytes in {silence_s:g} s at {baud} baud"
+                found = f"{decoder.byte_count} bytes in {SILENCE_S:g} s at {baud} baud"
                 reason = f"{found}, but no {line}: check --baud and docs/reference/probe-protocol.md"
             raise CaptureError(f"{port}: {reason}")
 
