@@ -68,8 +68,8 @@ TOOL: Final = np.dtype(
 """State of a tool from sample to sample."""
 
 
-def new_tool(p_W_m: ArrayLike, axis_W: ArrayLike) -> Records:
-    """Return a tool (1,) TOOL at rest at `p_W_m` (3,), with the handle along `axis_W` (3,)."""
+def new_tool(p_W_m: ArrayLike, axis_W: ArrayLike = (0.0, 0.0, 1.0)) -> Records:
+    """Return a tool (1,) TOOL at rest at `p_W_m` (3,), with the handle along `axis_W` (3,), by default upright."""
     tool: Records = records(1, TOOL)
     tool.axis_W = np.asarray(axis_W, np.float64) / np.linalg.norm(axis_W)
     tool.before_m = tool.axis_W[0] @ np.asarray(p_W_m)
@@ -127,17 +127,15 @@ class Leader(NamedTuple):
     outgoing: Records  # (1,) MESSAGE to the follower
 
 
-def new_leader(
-    device: PointMass | Omni, handle: Records, coupling: Coupling, p_WT_m: Sequence[float], axis_W: Sequence[float]
-) -> Leader:
-    """Return a leader at rest at `p_WT_m` (3,), with the handle along `axis_W` (3,)."""
+def new_leader(device: PointMass | Omni, handle: Records, coupling: Coupling, p_WT_m: Sequence[float]) -> Leader:
+    """Return a leader at rest at `p_WT_m` (3,)."""
     arm = new_arm(device, p_WT_m)
     end = new_endpoint(coupling, "leader", TICK_S)
     set_start(end, *read_arm(arm))
     return Leader(
         arm=arm,
         end=end,
-        tool=new_tool(find_tip(arm), axis_W),
+        tool=new_tool(find_tip(arm)),
         handle=handle,
         wanted_m_s2=np.zeros(SAMPLE_COUNT),
         tip_m_s2=np.zeros(SAMPLE_COUNT),
@@ -207,7 +205,7 @@ class Follower(NamedTuple):
 
 
 def new_follower(
-    renderer: "Renderer", device: PointMass | Omni, coupling: Coupling, p_WT_m: Sequence[float], axis_W: Sequence[float]
+    renderer: "Renderer", device: PointMass | Omni, coupling: Coupling, p_WT_m: Sequence[float]
 ) -> Follower:
     """Return a follower at rest at `p_WT_m` (3,).
 
@@ -224,7 +222,7 @@ def new_follower(
         surface=renderer.surface,
         row=records(1, ROW),
         sample=np.zeros(1),
-        tool=new_tool(find_tip(arm), axis_W),
+        tool=new_tool(find_tip(arm)),
         read_m_s2=np.zeros(SAMPLE_COUNT),
         outgoing=records(1, MESSAGE),
     )

@@ -143,9 +143,6 @@ def collect(link: Link, tick: int, message: Records) -> bool:
 
 # Both devices in one process.
 
-UP: Final = (0.0, 0.0, 1.0)
-"""Default direction of the handle in W: upright on a horizontal surface."""
-
 
 @dataclass(frozen=True, eq=False)
 class OperationResult:
@@ -194,9 +191,7 @@ class Operation:
         device: device of both ends.
         compensator: compensator of the leader's handle, a name of `hapscene.handle.compensator.COMPENSATORS`; "none"
             renders with the base motors alone.
-        plant: the actual handle; the compensator assumes `Plant()`.
         effects, seed: as in `Renderer`.
-        axis_W: (3,) direction of the handle.
 
     Raises:
         HapsceneError: a start position out of reach of the device, an unknown compensator, or an argument that
@@ -212,16 +207,14 @@ class Operation:
         line: Impairment | None = None,
         device: "DeviceLike | None" = None,
         compensator: str = "adaptive",
-        plant: Plant | None = None,
         effects: Sequence[str | Effect] = EFFECTS,
         seed: int = 0,
-        axis_W: Sequence[float] = UP,
     ) -> None:
         coupling, line, device = coupling or Coupling(), line or Impairment(), simulated_device(device or "omni")
         self.renderer = follower_renderer(scene, effects, seed)
-        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
-        handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
-        self.leader: Leader = new_leader(device, handle, coupling, p_WT, axis_W)
+        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT)
+        handle = new_handle(Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
+        self.leader: Leader = new_leader(device, handle, coupling, p_WT)
         # "forth" and "back" seed the random streams of the links: other names give other results
         to_follower, to_leader = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
         self.line = Line(to_follower, to_leader, records(1, MESSAGE))

@@ -23,9 +23,6 @@ from hapscene.teleoperation.leader_follower import (
     set_hand,
     tip_acceleration,
 )
-from hapscene.teleoperation.operation import (
-    UP,
-)
 
 DEVICE = PointMass(0.05, 0.1, 0.1, 55e-6)
 H_S = 1.0 / ACCELERATION_RATE_HZ
@@ -46,7 +43,7 @@ def test_acceleration_is_the_second_difference_along_the_handle() -> None:
 
 
 def test_high_pass_is_a_second_order_butterworth_filter() -> None:
-    tool, rng = new_tool((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), np.random.default_rng(0)
+    tool, rng = new_tool((0.0, 0.0, 0.0)), np.random.default_rng(0)
     a_m_s2 = rng.normal(size=2000)
     received = [high_pass(tool[0], a, H_S) for a in a_m_s2]
     b, a = butter(2, ACCELEROMETER_CORNER_HZ, "high", fs=ACCELERATION_RATE_HZ)
@@ -55,13 +52,13 @@ def test_high_pass_is_a_second_order_butterworth_filter() -> None:
 
 def test_displacement_by_vibration() -> None:
     """A sine at f moves the tool by a/(2πf)²; a constant acceleration by a/(2πf_c)²."""
-    tool, f_Hz = new_tool((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))[0], 200.0
+    tool, f_Hz = new_tool((0.0, 0.0, 0.0))[0], 200.0
     way = []
     for k in range(int(0.5 / H_S)):
         move_by_vibration(tool, math.sin(2.0 * math.pi * f_Hz * k * H_S), H_S)
         way.append(tool.vibration_m)
     assert np.ptp(way[-1000:]) / 2 == pytest.approx(1.0 / (2.0 * math.pi * f_Hz) ** 2, rel=0.02)
-    tool = new_tool((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))[0]
+    tool = new_tool((0.0, 0.0, 0.0))[0]
     for _ in range(int(1.0 / H_S)):
         move_by_vibration(tool, 1.0, H_S)
     assert tool.vibration_m == pytest.approx(1.0 / (2.0 * math.pi * VIBRATION_CORNER_HZ) ** 2, rel=1e-6)
@@ -69,7 +66,7 @@ def test_displacement_by_vibration() -> None:
 
 def make_leader() -> Leader:
     handle = new_handle(Plant(), Plant(), "inverse", ACCELERATION_RATE_HZ)
-    return new_leader(DEVICE, handle, Coupling(), (0.0, 0.0, 0.0), UP)
+    return new_leader(DEVICE, handle, Coupling(), (0.0, 0.0, 0.0))
 
 
 def test_hand_moves_linearly_between_rows_and_stops_after_the_last() -> None:
