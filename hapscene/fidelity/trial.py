@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceWarning, Limits, limits_of
 from hapscene.motion.hand_path import HOVER_M, PathBuilder
-from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
+from hapscene.motion.look_from_above import look_from_above, window_of
 from hapscene.perception import band_edges_Hz, bands_jnd, force_jnd
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import MeshWarning
@@ -96,7 +96,7 @@ def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: L
     """Random paths (n, 3) [m], one row per tick, each with a tap and a stroke on a body; empty if it is not visible
     from above."""
     look, body = look_from_above(scene), scene.bodies[index]
-    low, high = window_of(bounds_of(body))
+    low, high = window_of(body.bounds_W_m)
     places = rng.uniform(low, high, (400, 2))
     seen = look(*places.T)
     on = seen.body == index

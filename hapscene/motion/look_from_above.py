@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,7 +12,6 @@ from hapscene.scene.topology import normals_of
 if TYPE_CHECKING:
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-    from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
 
@@ -23,7 +21,6 @@ __all__ = [
     "Look",
     "TopView",
     "between",
-    "bounds_of",
     "caster_of",
     "look_from_above",
     "places_to_feel",
@@ -69,7 +66,7 @@ def look_from_above(scene: "Scene") -> Look:
 
     It uses trimesh's rays in float32, which are accurate to a micrometre at the size of a scene, enough for a target.
     """
-    top_m = max(float(bounds_of(body)[1, 2]) for body in scene.bodies) + 1.0
+    top_m = max(float(body.bounds_W_m[1, 2]) for body in scene.bodies) + 1.0
     casters = {id(body.mesh): caster_of(body.mesh) for body in scene.bodies}
 
     def look(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> TopView:
@@ -77,7 +74,7 @@ def look_from_above(scene: "Scene") -> Look:
         z_m, seen_body, swatch = np.full(count, np.nan), np.full(count, -1), np.full(count, -1)
         start_m = np.column_stack((x_m, y_m, np.full(count, top_m)))
         for index, body in enumerate(scene.bodies):
-            low_m, high_m = bounds_of(body)[:, :2] + np.array([[-SIDE_M], [SIDE_M]])
+            low_m, high_m = body.bounds_W_m[:, :2] + np.array([[-SIDE_M], [SIDE_M]])
             if not ((start_m[:, :2] > low_m) & (start_m[:, :2] < high_m)).all(axis=1).any():
                 continue  # a ray costs up to a millisecond
             R_WB, p_WB = body.X_WB[:3, :3], body.X_WB[:3, 3]
@@ -102,13 +99,6 @@ def caster_of(mesh: "Mesh") -> "RayMeshIntersector":
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     return RayMeshIntersector(trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False))
-
-
-def bounds_of(body: "Body") -> NDArray[np.float64]:
-    """Bounding box of a body in W (2, 3) [m]."""
-    corners_m = np.array(list(product(*zip(*body.mesh.bounds_m, strict=True))))
-    corners_m = corners_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
-    return np.array([corners_m.min(axis=0), corners_m.max(axis=0)])
 
 
 def window_of(bounds_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,7 +133,7 @@ def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]
 def places_to_feel(scene: "Scene", look: Look) -> Iterator[tuple[list[Line], float]]:
     """For each body that can be touched from above: its best lines along x and y, and the explored size [m]."""
     for index, body in enumerate(scene.bodies):
-        window_m = window_of(bounds_of(body))
+        window_m = window_of(body.bounds_W_m)
         lines = lines_of(look, index, window_m)
         if len(lines) == 2:
             yield lines, float(np.min(window_m[1] - window_m[0]))

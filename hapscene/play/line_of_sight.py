@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.geometry import Vector
-from hapscene.motion.look_from_above import bounds_of, caster_of
+from hapscene.motion.look_from_above import caster_of
 from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class LineOfSight:
 
     def __init__(self, scene: "Scene | None") -> None:
         bodies = [] if scene is None else scene.bodies
-        self._bodies = [(body, caster_of(body.mesh), bounds_of(body)) for body in bodies]
+        self._bodies = [(body, caster_of(body.mesh), body.bounds_W_m) for body in bodies]
         half = np.array([0.5 * PAD_M[0], 0.5 * PAD_M[1], 0.0])
         corners_m = np.array([bounds_m for _, _, bounds_m in self._bodies] or [np.array([-half, half])])
         self.low_m: NDArray[np.float64] = corners_m[:, 0].min(axis=0)

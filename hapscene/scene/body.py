@@ -1,6 +1,7 @@
 """A body: a mesh with a pose, and a swatch for each face or part of a face."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,3 +40,10 @@ class Body:
     def __repr__(self) -> str:
         x, y, z = (f"{v:g}" for v in self.X_WB[:3, 3])
         return f"<Body {self.name!r}: {len(self.mesh.faces):,} faces at ({x}, {y}, {z}) m>"
+
+    @property
+    def bounds_W_m(self) -> NDArray[np.float64]:
+        """Bounding box in W (2, 3) [m]."""
+        corners_m = np.array(list(product(*zip(*self.mesh.bounds_m, strict=True))))
+        corners_m = corners_m @ self.X_WB[:3, :3].T + self.X_WB[:3, 3]
+        return np.array([corners_m.min(axis=0), corners_m.max(axis=0)])

@@ -70,8 +70,8 @@ def size_advice(what: "Scene | Mesh", device: str = "omni") -> SizeAdvice:
         device: name of the haptic device; the workspace of devices that are not in `REACH_M` is unlimited.
     """
     mesh = what if isinstance(what, Mesh) else None
-    low, high = _bounds_m(what) if mesh is None else mesh.bounds_m  # type: ignore[arg-type]
-    size_m = high - low
+    boxes = [body.bounds_W_m for body in what.bodies] if not isinstance(what, Mesh) else [what.bounds_m]
+    size_m = np.ptp(np.concatenate(boxes or [np.zeros((1, 3))]), axis=0)
     sizes = tuple(size_m.tolist()), dimensions(size_m)
     diagonal_m = float(np.linalg.norm(size_m))
     reach_m = np.array(REACH_M.get(device, (HAND_M[1],) * 3))
@@ -101,16 +101,6 @@ def dimensions(size_m: NDArray[np.float64]) -> str:
     largest = float(max(size_m))
     unit, metres = next(((u, m) for u, m in (("m", 1.0), ("mm", 1e-3)) if largest >= m), ("µm", 1e-6))
     return " × ".join(f"{float(f'{v / metres:.3g}'):.10g}" for v in size_m.tolist()) + f" {unit}"
-
-
-def _bounds_m(scene: "Scene") -> NDArray[np.float64]:
-    """Return the corners (2, 3) of a bounding box of all bodies at their poses [m]."""
-    corners = []
-    for body in scene.bodies:
-        box = np.stack(np.meshgrid(*body.mesh.bounds_m.T), axis=-1).reshape(-1, 3)
-        corners.append(box @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
-    found = np.concatenate(corners or [np.zeros((1, 3))])
-    return np.array([found.min(axis=0), found.max(axis=0)])
 
 
 def _likely(mesh: Mesh, diagonal_m: float) -> list[str]:

@@ -8,7 +8,6 @@ from hapscene.motion.look_from_above import (
     GRID,
     WINDOW_M,
     TopView,
-    bounds_of,
     lines_of,
     look_from_above,
     places_to_feel,
@@ -61,7 +60,7 @@ def test_rotated_body_is_visible_at_its_pose() -> None:
         (0.0, -0.05, 0.0),
         (0.0, 0.05, 0.0),
     ]
-    np.testing.assert_allclose(bounds_of(scene.bodies[0]), np.add(corner_m, (0.01, 0.0, 0.005)))
+    np.testing.assert_allclose(scene.bodies[0].bounds_W_m, np.add(corner_m, (0.01, 0.0, 0.005)))
 
 
 @pytest.mark.parametrize(("up", "two_sided", "seen"), [(True, False, 0), (False, False, -1), (False, True, 0)])

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.exchange.gltf import look_glb, picture_glb
 from hapscene.loop import ServoState
-from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.model.display import ChunkKey, Display, ShownBody
 from hapscene.paint.model.mesh import Hit, project_to_surface
 from hapscene.paint.model.painting import Changes, Painting
@@ -122,7 +121,7 @@ class SceneView:
         self._show_grains()
 
     def _measure(self) -> None:
-        bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
+        bounds = np.array([body.bounds_W_m for body in self._painting.scene.bodies])
         low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         self.middle_W_m: Vector = (low + high) / 2
         self.diagonal_m = float(np.linalg.norm(high - low))
@@ -175,7 +174,7 @@ class SceneView:
 
     def _compose(self) -> None:
         """Create, keep or remove the scene nodes so that there is one for each body."""
-        bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
+        bounds = np.array([body.bounds_W_m for body in self._painting.scene.bodies])
         size_m = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
         if not 1 / GROWN <= size_m / self.diagonal_m <= GROWN:
             self._measure()
@@ -397,7 +396,7 @@ class SceneView:
         """
         every = self._painting.scene.bodies
         bodies = bodies or [body for body in every if body.name not in self._painting.hidden] or every
-        bounds = np.array([bounds_of(body) for body in bodies])
+        bounds = np.array([body.bounds_W_m for body in bodies])
         low, high = self.to_view(bounds[:, 0].min(axis=0)), self.to_view(bounds[:, 1].max(axis=0))
         way = np.asarray(VIEWS[name]) if name in VIEWS else np.asarray(camera.position) - np.asarray(camera.look_at)
         away = ROOM * max(float(np.linalg.norm(high - low)), 1e-6) / (2 * np.tan(FOV_RAD / 2))
