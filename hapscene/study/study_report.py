@@ -1,12 +1,13 @@
 """The report on a study: one HTML page with verdicts and estimates with intervals."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from jinja2 import Environment, PackageLoader
 
 from hapscene.errors import StudyError
 from hapscene.io.files import write_whole
@@ -19,27 +20,6 @@ __all__ = ["write_report"]
 
 PLOTTED: Final = {"rating": "rating", "2ifc": "d′", "staircase": "threshold"}
 """Quantity that the plot of a block shows, by the kind of the block."""
-
-PAGE: Final = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{title}: study report</title>
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
-th, td {{ text-align: left; padding: 4px 12px 4px 0; border-top: 1px solid; vertical-align: top; }}
-div.table {{ overflow-x: auto; }}
-pre {{ white-space: pre-wrap; }}
-svg {{ width: 100%; max-width: 36em; height: auto; }}
-</style>
-<main>
-<h1>{title}</h1>
-{body}
-</main>
-</html>
-"""
 
 
 def write_report(folder: Path, path: Path) -> None:
@@ -56,18 +36,9 @@ def report(folder: Path) -> str:
     analysis, rows = analyse(folder), load_rows(folder / RESULTS)
     if not rows:
         raise StudyError(f"{folder}: the study has no answers yet")
-    plan = analysis.plan
-    most = plan.trial_count
-    channels = ", ".join(sorted({row["channel"] for row in rows}))
-    lead = (
-        f"{len(analysis.people)} of {plan.people} participants; {len(rows)} answers, up to {most} each; output: "
-        f"{channels}."
-    )
-    body = [_paragraph(lead), _list(_verdicts(analysis.findings))]
-    for number, block in enumerate(plan.blocks):
+    blocks = []
+    for number, block in enumerate(analysis.plan.blocks):
         found = [one for one in analysis.findings if one.block == block.name]
-        body.append(f"<h2>{escape(f'{block.name}: {block.question}')}</h2>")
-        body.append(_plot(number, found, PLOTTED[block.kind]) if found else _paragraph("No answers yet."))
         cells = [
             (
                 one.what,
@@ -77,32 +48,18 @@ def report(folder: Path) -> str:
             for one in found
             if not one.person
         ]
-        body.append(_table(block.name, ("stimuli", "estimate (95 %)", "method"), cells))
-    body += ["<h2>Participants</h2>", _people(analysis, rows, most)]
-    body += [f"<h2>Plan {plan.sha256}</h2>", f"<pre>{escape(plan.content.decode(errors='replace'))}</pre>"]
-    return PAGE.format(title=escape(plan.title), body="\n".join(filter(None, body)))
-
-
-def _verdicts(found: Iterable[Finding]) -> list[str]:
-    return [f"{one.block}, {one.what}: {one.verdict} ({one.method})" for one in found if one.verdict]
-
-
-def _paragraph(text: str) -> str:
-    return f"<p>{escape(text)}</p>"
-
-
-def _list(lines: Sequence[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
-
-
-def _table(name: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table that can be scrolled by keyboard if it is wider than the page."""
-    if not rows:
-        return ""
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    table = f"<table><thead><tr>{top}</tr></thead><tbody>{lines}</tbody></table>"
-    return f'<div class="table" tabindex="0" role="group" aria-label="{escape(name)}">{table}</div>'
+        blocks.append((block, _plot(number, found, PLOTTED[block.kind]) if found else "", cells))
+    loader = PackageLoader("hapscene.study.study_report")
+    pages = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return pages.get_template("study_report.html.jinja").render(
+        plan=analysis.plan,
+        content=analysis.plan.content.decode(errors="replace"),
+        verdicts=[one for one in analysis.findings if one.verdict],
+        blocks=blocks,
+        people=_people(analysis, rows),
+        answer_count=len(rows),
+        channels=", ".join(sorted({row["channel"] for row in rows})),
+    )
 
 
 def format_estimate(estimate: Estimate, unit: str = "") -> str:
@@ -140,10 +97,11 @@ def _axis_limits(estimates: Sequence[Estimate]) -> tuple[float, float]:
     return min(values) - margin, max(values) + margin
 
 
-def _people(analysis: Analysis, rows: Sequence[Row], most: int) -> str:
+def _people(analysis: Analysis, rows: Sequence[Row]) -> list[tuple[str, str, str]]:
+    """Name, number of answers and median latency of each participant."""
     lines = []
     for person in analysis.people:
         mine = [row for row in rows if row["person"] == person]
         latency_s = float(np.median([float(row["latency_s"]) for row in mine]))
-        lines.append((person, f"{len(mine)} of {most}", f"{latency_s:.1f} s"))
-    return _table("Participants", ("participant", "answers", "median latency"), lines)
+        lines.append((person, f"{len(mine)} of {analysis.plan.trial_count}", f"{latency_s:.1f} s"))
+    return lines
