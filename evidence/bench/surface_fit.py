@@ -14,7 +14,7 @@ from .sheet import Sheet
 RATE_HZ: Final = 10_000.0
 
 
-def measure_fit(sheet: Sheet, durations_s: tuple[float, ...] = (10.0, 600.0)) -> None:
+def measure_fit(sheet: Sheet, durations_s: tuple[float, ...]) -> None:
     """Fit strokes over the shipped wood whose force and speed vary by a factor of ten; cases "fit, 10 s" and so on.
 
     "time" is that of `hapscene.capture.fit_swatch` without imports. "memory" is the peak of Python and NumPy memory

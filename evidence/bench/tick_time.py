@@ -92,21 +92,16 @@ def _read_clock(clock: Times, between: Times) -> None:
 
 def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recording:
     """Measure the contact part of the tick on one case, and the time to build the search structure."""
-    measure_build(sheet, case)
+
+    def build() -> None:  # face neighbours, packed faces, search structure
+        Shapes([replace(case.mesh)], 0.0)  # a copy, whose neighbours are not cached
+
+    sheet.add(case.name, "build", 1e3 * min(timeit.repeat(build, number=1, repeat=3)), "ms")
     found = hot(Renderer(case.scene(), effects=["wall"]), case.p_WT_m, repeats)
     sheet.add(case.name, "triangles", len(case.mesh.faces), "1")
     sheet.add(case.name, "ticks in contact", len(found.contact_ns), "1")
     sheet.add_spread(case.name, "contact", found.contact_ns, "µs", 1e-3)
     return found.recording
-
-
-def measure_build(sheet: Sheet, case: Case) -> None:
-    """Measure the time to find face neighbours, pack the faces and build the search structure."""
-
-    def build() -> None:
-        Shapes([replace(case.mesh)], 0.0)  # a copy, whose neighbours are not cached
-
-    sheet.add(case.name, "build", 1e3 * min(timeit.repeat(build, number=1, repeat=3)), "ms")
 
 
 def measure_tick(sheet: Sheet, case: Case, swatch: Swatch, order: int, repeats: int = REPEATS) -> None:
@@ -123,6 +118,7 @@ def measure_tick(sheet: Sheet, case: Case, swatch: Swatch, order: int, repeats: 
 
 def _step_over_tick_ns(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats: int) -> float:
     """Return the median time of `step` from Python without the tick [ns]."""
+    row = renderer._row.view(np.ndarray)[0]  # of the last `step`
     over: list[list[int]] = []
     for _ in range(repeats + 1):
         renderer.reset(p_WT_m[0])
@@ -130,14 +126,9 @@ def _step_over_tick_ns(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats:
         for p in p_WT_m:
             start_ns = time.perf_counter_ns()
             renderer.step(p)
-            one.append(time.perf_counter_ns() - start_ns - last_row(renderer)["tick_ns"])
+            one.append(time.perf_counter_ns() - start_ns - row["tick_ns"])
         over.append(one)
     return float(np.median(np.min(over[1:], axis=0)))
-
-
-def last_row(renderer: Renderer) -> Any:
-    """Return the internal row of the last `step`, which holds the times."""
-    return renderer._row.view(np.ndarray)[0]
 
 
 def measure_harness(sheet: Sheet, case: Case, repeats: int = REPEATS) -> None:

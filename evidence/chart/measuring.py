@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.capture import load_recording
 from hapscene.capture.fit.distance import band_power
 from hapscene.capture.io.streams import Streams, clean
 from hapscene.perception import band_edges_Hz, bands_jnd
@@ -15,6 +14,7 @@ from hapscene.render.renderer import Renderer
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
+from hapscene_swatches.fit import load_source
 
 from ..bench.tick_time import hot
 
@@ -41,15 +41,8 @@ TICKS: Final = 3000
 @cache
 def recorded(name: str) -> Streams:
     """Return one of `STROKES`, cleaned, at `RATE_HZ`."""
-    units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    recording = load_recording(RECORDINGS / f"cdp_{name}.csv", RATE_HZ, columns={"acceleration": "accel"}, units=units)
-    return clean(
-        recording.acceleration_m_s2,
-        RATE_HZ,
-        recording.force_N,
-        recording.speed_m_s,
-        recording.tangential_force_N,
-    )
+    r = load_source(name, RECORDINGS)
+    return clean(r.acceleration_m_s2, r.rate_Hz, r.force_N, r.speed_m_s, r.tangential_force_N)
 
 
 def texture_bands(texture: Texture, force_N: ArrayLike, speed_m_s: ArrayLike, *, held: bool = False) -> Array:
