@@ -30,14 +30,6 @@ JOURNAL: Final = "journal.jsonl"
 """Name of the journal in the output folder."""
 
 
-@dataclass(frozen=True)
-class Item:
-    """A recording of a batch: its file, and the name of the swatch that is fitted to it."""
-
-    path: Path
-    name: str
-
-
 @dataclass
 class BatchResult:
     """Result of a batch: the files of the swatches, the errors, and notes on the fitted recordings."""
@@ -53,7 +45,7 @@ class BatchResult:
         return len(self.fitted) + len(self.skipped) + len(self.failed)
 
 
-def find_recordings(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
+def find_recordings(places: Iterable[str | os.PathLike[str]]) -> list[Path]:
     """Lists the recordings in files and folders, each once.
 
     Args:
@@ -62,7 +54,7 @@ def find_recordings(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
     Raises:
         CaptureError: a file or folder does not exist, or a folder contains no recordings.
     """
-    found: dict[Path, Item] = {}
+    found: dict[Path, Path] = {}
     for place in map(Path, places):
         files = [place]
         if not place.exists():
@@ -73,17 +65,17 @@ def find_recordings(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
             if not files:
                 raise CaptureError(f"{place}: no recordings found; expected files that end in {' '.join(SUFFIXES)}")
         for file in files:
-            found.setdefault(file.absolute(), Item(file, file.stem))
+            found.setdefault(file.absolute(), file)
     return list(found.values())
 
 
-def swatch_names(items: Sequence[Item]) -> list[str]:
+def swatch_names(recordings: Sequence[Path]) -> list[str]:
     """File of each swatch, relative to the output folder.
 
     The path is that of the recording below the common folder of all recordings. If two recordings differ only in their
     suffix, the suffix becomes part of the name: oak.csv.swatch and oak.wav.swatch.
     """
-    paths = [item.path.absolute() for item in items]
+    paths = [path.absolute() for path in recordings]
     shared = Path(os.path.commonpath([path.parent for path in paths]))
     whole = [path.relative_to(shared).as_posix() for path in paths]
     bare = [path.relative_to(shared).with_suffix("").as_posix() for path in paths]
@@ -92,7 +84,7 @@ def swatch_names(items: Sequence[Item]) -> list[str]:
 
 
 def fit_batch(
-    items: Sequence[Item],
+    recordings: Sequence[Path],
     out: str | os.PathLike[str],
     reading: Mapping[str, Json] | None = None,
     options: FitOptions | None = None,
@@ -103,10 +95,10 @@ def fit_batch(
     """Fits a swatch to each recording.
 
     Args:
-        items: the recordings.
+        recordings: the files.
         out: output folder for the swatches and the journal; it is created if it does not exist.
         reading: arguments of `load_recording` for all recordings.
-        options: options of the fit; the name is replaced by that of the item.
+        options: options of the fit; the name is replaced by that of the file without its suffix.
         jobs: number of processes on this machine; None for one per core.
         scheduler: address of a Dask scheduler, for example tcp://host:8786. The workers of the cluster then run the
             fits; they must see the same file paths.
@@ -124,8 +116,8 @@ def fit_batch(
     journal, result, tasks = Journal(folder / JOURNAL), BatchResult(), []
     latest = {recording: digest for recording, digest in journal.results}  # the latest entry counts
     owners = {name: recording for (recording, _), name in journal.results.items() if name}
-    for item, name in zip(items, swatch_names(items), strict=True):
-        task = _task(item, folder / name, reading or {}, options or FitOptions())
+    for path, name in zip(recordings, swatch_names(recordings), strict=True):
+        task = _task(path.absolute(), folder / name, reading or {}, options or FitOptions())
         if owners.setdefault(name, task.key) != task.key:
             raise CaptureError(
                 f"{folder / name}: exists already and was fitted to {owners[name]}, not to {task.key}: choose another "
@@ -147,16 +139,15 @@ def fit_batch(
     return result
 
 
-def _task(item: Item, output: Path, reading: Mapping[str, Json], options: FitOptions) -> Task:
+def _task(path: Path, output: Path, reading: Mapping[str, Json], options: FitOptions) -> Task:
     """The task that fits one recording; its digest covers size and modification time of the file."""
-    path = item.path.absolute()
     try:
         stat = path.stat()
         state = [stat.st_size, stat.st_mtime_ns]
     except OSError:
         state = []  # the task will raise the error
     output.parent.mkdir(parents=True, exist_ok=True)
-    options = replace(options, name=item.name)
+    options = replace(options, name=path.stem)
     arguments = {"path": str(path), "output": str(output), "reading": reading, "options": asdict(options)}
     return Task(str(path), fit_file, arguments | {"state": state})
 

@@ -6,15 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.capture.batch import (
-    JOURNAL,
-    BatchResult,
-    Item,
-    find_recordings,
-    fit_batch,
-    fit_file,
-    swatch_names,
-)
+from hapscene.capture.batch import JOURNAL, BatchResult, find_recordings, fit_batch, fit_file, swatch_names
 from hapscene.capture.fit.swatch import FitOptions
 from hapscene.cli import main
 from hapscene.errors import CaptureError
@@ -32,30 +24,30 @@ def write_recording(path: Path, seed: int) -> Path:
     return path
 
 
-def write_recordings(folder: Path, count: int) -> list[Item]:
+def write_recordings(folder: Path, count: int) -> list[Path]:
     return find_recordings([write_recording(folder / f"r{i:02}.csv", i) for i in range(count)])
 
 
-def fitted(items: list[Item], out: Path, options: FitOptions = OPTIONS) -> BatchResult:
+def fitted(items: list[Path], out: Path, options: FitOptions = OPTIONS) -> BatchResult:
     return fit_batch(items, out, READING, options, jobs=1)
 
 
-def check_swatch(item: Item, out: Path) -> None:
+def check_swatch(item: Path, out: Path) -> None:
     """The swatch equals that of a fit of the recording alone."""
     made = out.parent / "alone.swatch"
-    fit_file(str(item.path), str(made), READING, {"name": item.name, "order": 3}, [])
-    assert (out / f"{item.name}.swatch").read_bytes() == made.read_bytes()
+    fit_file(str(item), str(made), READING, {"name": item.stem, "order": 3}, [])
+    assert (out / f"{item.stem}.swatch").read_bytes() == made.read_bytes()
 
 
 def test_unchanged_recordings_are_skipped_and_changed_ones_fitted_again(tmp_path: Path) -> None:
     items, out = write_recordings(tmp_path / "in", 5), tmp_path / "out"
-    items[1].path.write_text("acceleration\n1\nx\n")
+    items[1].write_text("acceleration\n1\nx\n")
     first = fitted(items, out)
     assert len(first.fitted) == 4 and first.count == 5
     (reason,) = first.failed
-    assert str(items[1].path) in reason
-    write_recording(items[1].path, 11)
-    write_recording(items[2].path, 12).write_text("acceleration\n" + "0.1\n0.2\n" * 900)
+    assert str(items[1]) in reason
+    write_recording(items[1], 11)
+    write_recording(items[2], 12).write_text("acceleration\n" + "0.1\n0.2\n" * 900)
     (out / "r03.swatch").unlink()
     again = fitted(items, out)
     assert again.skipped == ["r00.swatch", "r04.swatch"] and not again.failed
@@ -95,9 +87,9 @@ def test_a_swatch_of_another_recording_is_not_replaced(tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_worker_processes_give_the_same_swatches(tmp_path: Path) -> None:
     items, out = write_recordings(tmp_path / "in", 5), tmp_path / "out"
-    items.append(Item(tmp_path / "in" / "none.csv", "none"))
+    items.append(tmp_path / "in" / "none.csv")
     result = fit_batch(items, out, READING, OPTIONS, jobs=2)
-    assert sorted(result.fitted) == [f"{item.name}.swatch" for item in items[:5]] and "none.csv" in result.failed[0]
+    assert sorted(result.fitted) == [f"{item.stem}.swatch" for item in items[:5]] and "none.csv" in result.failed[0]
     check_swatch(items[3], out)
 
 
@@ -122,7 +114,7 @@ def test_folders_are_searched_recursively(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     items = find_recordings([tmp_path, tmp_path / "b.csv"])
-    assert [i.path.relative_to(tmp_path).as_posix() for i in items] == ["a.wav", "b.csv", "sub/c.hsrec"]
+    assert [i.relative_to(tmp_path).as_posix() for i in items] == ["a.wav", "b.csv", "sub/c.hsrec"]
     assert swatch_names(items) == ["a.swatch", "b.swatch", "sub/c.swatch"]
     (tmp_path / "empty").mkdir()
     for place in ("empty", "none.csv"):
@@ -131,5 +123,5 @@ def test_folders_are_searched_recursively(tmp_path: Path) -> None:
 
 
 def test_the_suffix_distinguishes_recordings_of_the_same_name(tmp_path: Path) -> None:
-    items = [Item(tmp_path / p, "x") for p in ("a/x.csv", "a/X.wav", "a/y.csv", "b/x.csv")]
+    items = [tmp_path / p for p in ("a/x.csv", "a/X.wav", "a/y.csv", "b/x.csv")]
     assert swatch_names(items) == ["a/x.csv.swatch", "a/X.wav.swatch", "a/y.swatch", "b/x.swatch"]
