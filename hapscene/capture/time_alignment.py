@@ -13,7 +13,7 @@ the same name, the number of the file is appended: "_2", "_3", …."""
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -71,19 +71,6 @@ _FINE: Final = 32  # samples about the largest sum in which it is refined
 
 
 @dataclass(frozen=True)
-class SampledStreams:
-    """Streams (n,) of a recording at a constant sample rate; its clock is 0 at the first sample."""
-
-    rate_Hz: float
-    streams: Mapping[str, Array]
-    units: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def duration_s(self) -> float:
-        return len(next(iter(self.streams.values()))) / self.rate_Hz
-
-
-@dataclass(frozen=True)
 class ClockOffset:
     """Relation of two clocks: when the second reads t, the first reads `offset_s` + (1 + `drift`) t."""
 
@@ -100,7 +87,7 @@ class ClockOffset:
         return f"{clock}, from {channel}, peak ratio {self.ratio:.1f}"
 
 
-def clock_offset(first: SampledStreams, second: SampledStreams) -> ClockOffset:
+def clock_offset(first: Record, second: Record) -> ClockOffset:
     """Estimates offset and drift of the clock of the second recording against that of the first.
 
     Raises:
@@ -136,7 +123,7 @@ def clock_offset(first: SampledStreams, second: SampledStreams) -> ClockOffset:
     return ClockOffset(float(offset_s), drift, ratio, bool(common))
 
 
-def _summed(recording: SampledStreams, names: Sequence[str]) -> Array:
+def _summed(recording: Record, names: Sequence[str]) -> Array:
     """Sum of the level changes of some streams."""
     changes = []
     for name in names:
@@ -285,7 +272,7 @@ def resampled(stream: Array, at: Array) -> Array:
     return np.asarray(made)
 
 
-def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> SampledStreams:
+def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> Record:
     check_memory(16 * sum(len(column) for column in source.columns.values()), source.own_B, "the recording", TOO_MUCH)
     names = {name: name for name in source.columns}
     if list(names) == ["1"]:
@@ -303,4 +290,4 @@ def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> Samp
             raise CaptureError(f"column {name!r}: expected at least two numbers")
     if not streams:
         raise CaptureError("the file contains no column except times")
-    return SampledStreams(own_Hz, streams, {names[name]: unit for name, unit in source.units.items()})
+    return Record(own_Hz, streams, {names[name]: unit for name, unit in source.units.items()})

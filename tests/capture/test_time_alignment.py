@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from hapscene.capture.io.hsrec import Record
 from hapscene.capture.io.recording import load_recording
 from hapscene.capture.time_alignment import (
     ClockOffset,
-    SampledStreams,
     clock_offset,
     join,
     level_changes,
@@ -27,7 +27,7 @@ SECONDS = 15.0
 def found(seed: int, taps: bool, second: str, seconds: float | None = SECONDS) -> tuple[ClockOffset, float]:
     """The offset that is found, and how far it is off [s]."""
     one, two, offset_s, drift = planted(seed, taps=taps, second=second, seconds=seconds)
-    known = clock_offset(SampledStreams(*one), SampledStreams(*two))
+    known = clock_offset(Record(*one), Record(*two))
     length_s = len(next(iter(two[1].values()))) / two[0]
     return known, farthest_s(offset_s, drift, known.offset_s, known.drift, length_s)
 
@@ -51,7 +51,7 @@ def test_many_planted_clocks(seed: int, taps: bool, second: str, most_s: float) 
     assert found(seed, taps, second, None)[1] < most_s
     one, two, _, _ = planted(seed, taps=taps, second=second, seconds=20.0, related=False)
     with pytest.raises(CaptureError, match="no clear peak"):
-        clock_offset(SampledStreams(*one), SampledStreams(*two))
+        clock_offset(Record(*one), Record(*two))
 
 
 def test_noise_silence_and_what_repeats_are_refused() -> None:
@@ -65,11 +65,11 @@ def test_noise_silence_and_what_repeats_are_refused() -> None:
     ]
     for one, two in pairs:
         with pytest.raises(CaptureError, match="no clear peak"):
-            clock_offset(SampledStreams(1000.0, {"acceleration": one}), SampledStreams(1000.0, {"1": two}))
+            clock_offset(Record(1000.0, {"acceleration": one}), Record(1000.0, {"1": two}))
     with pytest.raises(CaptureError, match="sample rate"):
-        clock_offset(SampledStreams(20.0, {"force": beat[:40]}), SampledStreams(5000.0, {"a": beat}))
+        clock_offset(Record(20.0, {"force": beat[:40]}), Record(5000.0, {"a": beat}))
     with pytest.raises(CaptureError, match="duration"):
-        clock_offset(SampledStreams(5000.0, {"a": beat[:4000]}), SampledStreams(5000.0, {"a": beat}))
+        clock_offset(Record(5000.0, {"a": beat[:4000]}), Record(5000.0, {"a": beat}))
 
 
 def test_level_changes_are_bounded_and_follow_the_level() -> None:

@@ -22,7 +22,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -70,15 +70,19 @@ _CHECK: Final = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class Record:
-    """The streams of a probe, (n,) float64 each, in their units; dropped samples are NaN."""
+    """Streams at a constant sample rate, (n,) float64 each, in their units; dropped samples are NaN."""
 
     rate_Hz: float
     streams: Mapping[str, NDArray[np.float64]]
-    units: Mapping[str, str]
+    units: Mapping[str, str] = field(default_factory=dict)
     started: str = ""
     """date and time of the start (ISO 8601)"""
     ended: str | None = None
     """why the recording ended; None for a truncated record (process killed, power lost) or one still being written"""
+
+    @property
+    def duration_s(self) -> float:
+        return len(next(iter(self.streams.values()))) / self.rate_Hz
 
     @property
     def missing(self) -> NDArray[np.bool_]:
