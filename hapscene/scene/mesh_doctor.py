@@ -22,27 +22,38 @@ NAME_SHOWN: Final = 60
 """Maximum length of a group name in the report [characters]."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A defect of a mesh.
+class Defect(NamedTuple):
+    """A kind of defect.
 
     Attributes:
-        kind: stable identifier for programs.
         level: "fault" if the defect affects contact, "note" if it may not.
-        count: number of faces, edges or vertices concerned.
+        noun: "face", "edge" or "vertex".
         what: description of the defect.
         touch: effect on contact.
         advice: how to correct the defect.
-        fixable: whether `hapscene.scene.mesh_doctor.repair` corrects it.
+        fixable: whether `repair` corrects it.
     """
 
-    kind: str
     level: str
-    count: int
+    noun: str
     what: str
     touch: str
     advice: str
     fixable: bool = False
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A defect of a mesh: a key of `DEFECTS`, the number of faces, edges or vertices concerned, and more about them."""
+
+    kind: str
+    count: int
+    more: str = ""
+
+    @property
+    def defect(self) -> Defect:
+        """The kind of defect."""
+        return DEFECTS[self.kind]
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ class Report:
     @property
     def fault_count(self) -> int:
         """Number of findings that affect contact."""
-        return sum(finding.level == "fault" for finding in self.findings)
+        return sum(finding.defect.level == "fault" for finding in self.findings)
 
     @property
     def can_be_touched(self) -> bool:
@@ -103,10 +114,10 @@ class Report:
             lines.append(f"{len(self.group_names)} groups: {first}{more}")
         if not self.findings:
             lines.append("no defects found")
-        for finding in sorted(self.findings, key=lambda f: f.level != "fault"):
-            fix = " (--fix does this)" if finding.fixable else ""
-            lines += ["", f"{finding.level.upper()}: {finding.what}", f"  effect: {finding.touch}"]
-            lines += [f"  action: {finding.advice}{fix}"]
+        for finding in sorted(self.findings, key=lambda f: f.defect.level != "fault"):
+            level, noun, what, touch, advice, fixable = finding.defect
+            lines += ["", f"{level.upper()}: {number(finding.count, noun)} {what}{finding.more}", f"  effect: {touch}"]
+            lines += [f"  action: {advice}{' (--fix does this)' if fixable else ''}"]
         return "\n".join(printable(line) for line in lines)
 
 
@@ -152,48 +163,39 @@ CRACK_SKINS: Final = 10.0
 """Maximum width of a crack in contact skins [1]. Wider openings are assumed to be intended."""
 
 
-class _Text(NamedTuple):
-    level: str
-    noun: str
-    what: str
-    touch: str
-    advice: str
-    fixable: bool = False
-
-
 _TWO_SIDED = "add the body with two_sided=True (--two-sided)"
 
 # fmt: off
-_TEXT: Final = {
-    "mixed_winding": _Text(
+DEFECTS: Final = {
+    "mixed_winding": Defect(
         "fault", "face", "with winding opposite to the rest of the shell",
         "these faces can be touched only from behind; from outside the proxy passes through them",
         f"reverse their winding, or {_TWO_SIDED}", fixable=True),
-    "inside_out": _Text(
+    "inside_out": Defect(
         "fault", "face", "in closed shells that are wound inward",
         "the proxy enters the shell from outside and is held inside",
         f"reverse the winding of the shells, or {_TWO_SIDED}", fixable=True),
-    "one_sided": _Text(
+    "one_sided": Defect(
         "fault", "face", "in shells without inside and outside, such as a Möbius strip",
         "neighbouring faces push from opposite sides, and the proxy slips through between them", _TWO_SIDED),
-    "open_edges": _Text(
+    "open_edges": Defect(
         "note", "edge", "with a face on one side only: the mesh is open",
         "the proxy can pass over the rim; from behind it passes through the faces",
         f"none if the opening is intended; else close it, or {_TWO_SIDED}"),
-    "cracks": _Text(
+    "cracks": Defect(
         "fault", "vertex", "on a crack that is wider than the skin of contact",
         "the proxy may fall into the crack", "merge the vertices in a mesh editor (merge by distance)"),
-    "nonmanifold_edges": _Text(
+    "nonmanifold_edges": Defect(
         "note", "edge", "where more than two faces meet",
         "each face can be touched on the side that its winding defines; the check of windings stops at these edges",
         "none if the outside is correct; else delete the inner faces in a mesh editor"),
-    "zero_area": _Text("note", "face", "without area", "none", "delete them", fixable=True),
-    "needles": _Text(
+    "zero_area": Defect("note", "face", "without area", "none", "delete them", fixable=True),
+    "needles": Defect(
         "note", "face", "without area that fill a T-junction", "none; without them the mesh would be open", "none"),
-    "doubled_faces": _Text("note", "face", "that duplicate another face", "none", "delete the copies", fixable=True),
-    "opposed_faces": _Text(
+    "doubled_faces": Defect("note", "face", "that duplicate another face", "none", "delete the copies", fixable=True),
+    "opposed_faces": Defect(
         "note", "face", "back to back with another face", "as a sheet without thickness, from both sides", "none"),
-    "duplicate_vertices": _Text(
+    "duplicate_vertices": Defect(
         "note", "vertex", "at exactly the position of another vertex", "none: contact merges equal positions",
         "merge them to save memory", fixable=True),
 }
@@ -203,7 +205,19 @@ _TEXT: Final = {
 def examine(mesh: Mesh) -> Report:
     """Check a mesh for defects."""
     body = mesh_structure(mesh)
-    findings = _faces(mesh, body) + _edges(body) + _cracks(mesh, body) + _vertices(body)
+    masks = {
+        "mixed_winding": body.winding.turned,
+        "inside_out": body.shells.inside_out,
+        "one_sided": body.winding.one_sided,
+        "zero_area": body.spare,
+        "needles": body.flat & ~body.spare,
+        "doubled_faces": body.doubled,
+        "opposed_faces": body.opposed,
+        "open_edges": body.edges.count == 1,
+        "nonmanifold_edges": body.edges.count > 2,
+        "duplicate_vertices": body.welded != np.arange(len(body.welded)),
+    }
+    found = [Finding(kind, int(np.count_nonzero(mask))) for kind, mask in masks.items()] + _cracks(mesh, body)
     low, high = mesh.bounds_m
     closed = bool(body.kept.any() and body.shells.closed[body.kept].all())
     return Report(
@@ -217,41 +231,12 @@ def examine(mesh: Mesh) -> Report:
         shell_count=len(np.unique(body.winding.shell[body.kept])),
         closed=closed,
         volume_m3=body.shells.volume_m3 if closed else None,
-        findings=tuple(findings),
+        findings=tuple(finding for finding in found if finding.count),
     )
 
 
 def _skin_m(mesh: Mesh) -> float:
     return SKIN_RATIO * mesh.diagonal_m
-
-
-def _finding(kind: str, count: int, more: str = "") -> list[Finding]:
-    """Return one finding, or an empty list if the count is 0."""
-    if not count:
-        return []
-    text = _TEXT[kind]
-    what = f"{number(count, text.noun)} {text.what}{more}"
-    return [Finding(kind, text.level, count, what, text.touch, text.advice, text.fixable)]
-
-
-def _faces(mesh: Mesh, body: MeshStructure) -> list[Finding]:
-    kinds = {
-        "mixed_winding": body.winding.turned,
-        "inside_out": body.shells.inside_out,
-        "one_sided": body.winding.one_sided,
-        "zero_area": body.spare,
-        "needles": body.flat & ~body.spare,
-        "doubled_faces": body.doubled,
-        "opposed_faces": body.opposed,
-    }
-    return [finding for kind, mask in kinds.items() for finding in _finding(kind, int(np.count_nonzero(mask)))]
-
-
-def _edges(body: MeshStructure) -> list[Finding]:
-    findings = []
-    for kind, chosen in (("open_edges", body.edges.count == 1), ("nonmanifold_edges", body.edges.count > 2)):
-        findings += _finding(kind, int(np.count_nonzero(chosen)))
-    return findings
 
 
 def _cracks(mesh: Mesh, body: MeshStructure) -> list[Finding]:
@@ -276,11 +261,7 @@ def _cracks(mesh: Mesh, body: MeshStructure) -> list[Finding]:
     on_edge = np.unique(vertex)
     wide = np.concatenate([on_edge[nearest_m[on_edge] > skin_m], near[gap_m > skin_m, 0]])
     widest_m = max((0.0, *nearest_m[on_edge], *gap_m))
-    return _finding("cracks", len(np.unique(wide)), more=f" ({length(skin_m)}), up to {length(widest_m)} wide")
-
-
-def _vertices(body: MeshStructure) -> list[Finding]:
-    return _finding("duplicate_vertices", int(np.count_nonzero(body.welded != np.arange(len(body.welded)))))
+    return [Finding("cracks", len(np.unique(wide)), f" ({length(skin_m)}), up to {length(widest_m)} wide")]
 
 
 # Repairs that neither move a vertex nor guess what was intended.

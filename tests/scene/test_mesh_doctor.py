@@ -69,9 +69,9 @@ def test_defects_are_found(name):
 def test_repair_preserves_vertices_and_is_complete(name):
     mesh, _ = BROKEN[name]
     mended, done = repair(mesh)
-    fixable = any(finding.fixable for finding in examine(mesh).findings)
+    fixable = any(finding.defect.fixable for finding in examine(mesh).findings)
     assert bool(done) == fixable
-    assert not any(finding.fixable for finding in examine(mended).findings)
+    assert not any(finding.defect.fixable for finding in examine(mended).findings)
     places = {tuple(v) for v in mesh.vertices_m.tolist()}
     assert {tuple(v) for v in mended.vertices_m.tolist()} == places
     assert repair(mended) == (mended, [])
