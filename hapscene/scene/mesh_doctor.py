@@ -61,30 +61,18 @@ class Report:
     """Result of a mesh check.
 
     Attributes:
-        path: the mesh file, or None.
-        unit: unit of length in that file.
-        size_m: size of the bounding box (3,) [m].
-        skin_m: skin of contact on this mesh [m]; contact ignores narrower details.
+        mesh: the mesh.
         shell_count: number of connected sets of faces.
-        closed: whether every edge has exactly two faces.
         volume_m3: enclosed volume of a closed mesh without its cavities [m³]; None for an open mesh.
     """
 
-    path: str | None
-    unit: str
-    vertex_count: int
-    face_count: int
-    group_names: tuple[str, ...]
-    size_m: tuple[float, ...]
-    skin_m: float
+    mesh: Mesh
     shell_count: int
-    closed: bool
     volume_m3: float | None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...]
 
     def __repr__(self) -> str:
-        words = f"{len(self.findings)} findings" if self.findings else "no findings"
-        return f"<Report on {self.path or 'a mesh'}: {self.face_count:,} faces; {words}>"
+        return f"<Report on {self.mesh!r}: {len(self.findings) or 'no'} findings>"
 
     @property
     def fault_count(self) -> int:
@@ -94,24 +82,25 @@ class Report:
     @property
     def can_be_touched(self) -> bool:
         """Whether a face has an area."""
-        return sum(find.count for find in self.findings if find.kind in ("zero_area", "needles")) < self.face_count
+        flat = sum(find.count for find in self.findings if find.kind in ("zero_area", "needles"))
+        return flat < len(self.mesh.faces)
 
     def text(self) -> str:
         """Return the report as text, faults first."""
-        x, y, z = map(length, self.size_m)
+        mesh, path = self.mesh, str(self.mesh.path or "mesh")
+        x, y, z = map(length, np.ptp(mesh.bounds_m, axis=0).tolist())
         shape = "open" if self.volume_m3 is None else f"closed, {_volume(self.volume_m3)}"
-        is_step = (self.path or "").lower().endswith((".step", ".stp"))
-        unit = "in m, converted from the unit of the file" if is_step else f"unit of the file: {self.unit}"
+        is_step = path.lower().endswith((".step", ".stp"))
+        unit = "in m, converted from the unit of the file" if is_step else f"unit of the file: {mesh.unit}"
         lines = [
-            f"{printable(self.path or 'mesh')}: "
-            f"{number(self.face_count, 'face')}, {number(self.vertex_count, 'vertex')}, "
+            f"{printable(path)}: {number(len(mesh.faces), 'face')}, {number(len(mesh.vertices_m), 'vertex')}, "
             f"{number(self.shell_count, 'shell')}, {shape}",
             f"size {x} × {y} × {z} ({unit})",
         ]
-        if len(self.group_names) > 1:
-            more = ", …" if len(self.group_names) > 8 else ""
-            first = ", ".join(printable(name, NAME_SHOWN) for name in self.group_names[:8])
-            lines.append(f"{len(self.group_names)} groups: {first}{more}")
+        if len(mesh.group_names) > 1:
+            more = ", …" if len(mesh.group_names) > 8 else ""
+            first = ", ".join(printable(name, NAME_SHOWN) for name in mesh.group_names[:8])
+            lines.append(f"{len(mesh.group_names)} groups: {first}{more}")
         if not self.findings:
             lines.append("no defects found")
         for finding in sorted(self.findings, key=lambda f: f.defect.level != "fault"):
@@ -218,30 +207,18 @@ def examine(mesh: Mesh) -> Report:
         "duplicate_vertices": body.welded != np.arange(len(body.welded)),
     }
     found = [Finding(kind, int(np.count_nonzero(mask))) for kind, mask in masks.items()] + _cracks(mesh, body)
-    low, high = mesh.bounds_m
     closed = bool(body.kept.any() and body.shells.closed[body.kept].all())
     return Report(
-        path=str(mesh.path) if mesh.path else None,
-        unit=mesh.unit,
-        vertex_count=len(mesh.vertices_m),
-        face_count=len(mesh.faces),
-        group_names=mesh.group_names,
-        size_m=tuple((high - low).tolist()),
-        skin_m=_skin_m(mesh),
-        shell_count=len(np.unique(body.winding.shell[body.kept])),
-        closed=closed,
-        volume_m3=body.shells.volume_m3 if closed else None,
-        findings=tuple(finding for finding in found if finding.count),
+        mesh,
+        len(np.unique(body.winding.shell[body.kept])),
+        body.shells.volume_m3 if closed else None,
+        tuple(finding for finding in found if finding.count),
     )
-
-
-def _skin_m(mesh: Mesh) -> float:
-    return SKIN_RATIO * mesh.diagonal_m
 
 
 def _cracks(mesh: Mesh, body: MeshStructure) -> list[Finding]:
     """Find vertices of open edges that nearly lie on another open edge or vertex: openings too narrow to see."""
-    skin_m = _skin_m(mesh)
+    skin_m = SKIN_RATIO * mesh.diagonal_m
     most_m = CRACK_SKINS * skin_m
     ends = body.edges.ends(np.flatnonzero(body.edges.count == 1))
     rim = np.unique(ends)
