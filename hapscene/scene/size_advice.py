@@ -46,20 +46,15 @@ class SizeAdvice:
     """Advice on the size of a mesh or scene.
 
     Attributes:
-        size_m: extent along x, y and z [m].
-        size: the extent as text: "156 × 153 × 121 mm".
+        size: the extent along x, y and z as text: "156 × 153 × 121 mm".
         words: description of the problem and its correction; empty if there is no problem.
-        unit: the likely unit of the mesh file, if that corrects the size; else None.
-        scale: recommended scale factor [1]: by that unit, or to the workspace of the device; None if `words` is empty.
-        option: the recommended command-line option, such as "--unit m" or "--scale 0.05"; empty for scenes.
+        scale: scale factor [1]: by the likely unit of the mesh file, or to the workspace of the device; None
+            if `words` is empty.
     """
 
-    size_m: tuple[float, ...]
     size: str
     words: str = ""
-    unit: str | None = None
     scale: float | None = None
-    option: str = ""
 
 
 def size_advice(what: "Scene | Mesh", device: str = "omni") -> SizeAdvice:
@@ -72,14 +67,14 @@ def size_advice(what: "Scene | Mesh", device: str = "omni") -> SizeAdvice:
     mesh = what if isinstance(what, Mesh) else None
     boxes = [body.bounds_W_m for body in what.bodies] if not isinstance(what, Mesh) else [what.bounds_m]
     size_m = np.ptp(np.concatenate(boxes or [np.zeros((1, 3))]), axis=0)
-    sizes = tuple(size_m.tolist()), dimensions(size_m)
+    size = dimensions(size_m)
     diagonal_m = float(np.linalg.norm(size_m))
     reach_m = np.array(REACH_M.get(device, (HAND_M[1],) * 3))
     is_small = diagonal_m < LIKELY_M[0]
     if diagonal_m == 0.0 or (not is_small and (size_m <= (AMPLE if device in REACH_M else 1.0) * reach_m).all()):
-        return SizeAdvice(*sizes)
+        return SizeAdvice(size)
     name = "the scene" if mesh is None else "the mesh" if mesh.path is None else printable(mesh.path.name)
-    words = f"{name} is {sizes[1]} in size"
+    words = f"{name} is {size} in size"
     if is_small:
         words += ", too small to be felt well"
     elif device in REACH_M:
@@ -88,12 +83,12 @@ def size_advice(what: "Scene | Mesh", device: str = "omni") -> SizeAdvice:
         words += ", larger than the reach of a hand"
     scale = _round(float((reach_m / np.maximum(size_m, 1e-3 * diagonal_m)).min()))
     if mesh is None:
-        return SizeAdvice(*sizes, f"{words}; scaled by {scale:.10g} it is {dimensions(size_m * scale)}", None, scale)
-    unit, option, why = None, f"--scale {scale * mesh.scale:.10g}", ""
+        return SizeAdvice(size, f"{words}; scaled by {scale:.10g} it is {dimensions(size_m * scale)}", scale)
+    option, why = f"--scale {scale * mesh.scale:.10g}", ""
     if units := _likely(mesh, diagonal_m):
-        unit, scale, option = units[0], UNIT_M[units[0]] / UNIT_M[mesh.unit], f"--unit {units[0]}"
+        scale, option = UNIT_M[units[0]] / UNIT_M[mesh.unit], f"--unit {units[0]}"
         why = f"its unit is probably  {' or '.join(units)}, not {mesh.unit}: "
-    return SizeAdvice(*sizes, f"{words}; {why}with {option} it is {dimensions(size_m * scale)}", unit, scale, option)
+    return SizeAdvice(size, f"{words}; {why}with {option} it is {dimensions(size_m * scale)}", scale)
 
 
 def dimensions(size_m: NDArray[np.float64]) -> str:
