@@ -49,6 +49,10 @@ def bands(spectra_dB: Array) -> Array:
     return np.asarray(DB * np.log(power / power.sum(axis=1, keepdims=True)))
 
 
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def level_errors(surfaces: list[tuple[Array, Array]]) -> dict[str, list[float]]:
     """Return errors [dB] of a constant level, of exponents of 1 and 1, and of the mean exponents of other surfaces."""
     total = [DB * np.log(np.exp(spectra / DB).sum(axis=1)) for _, spectra in surfaces]
@@ -66,8 +70,7 @@ def level_errors(surfaces: list[tuple[Array, Array]]) -> dict[str, list[float]]:
         for name, parts in splits.items():
             away = [(places[b] - places[a].mean(axis=0), level[b] - level[a].mean()) for a, b in parts]
             place, change = (np.concatenate(each) for each in zip(*away, strict=True))
-            laws = ([0.0, 0.0], [1.0, 1.0], learned)
-            found.setdefault(name, []).append([np.sqrt(np.mean((change - DB * place @ e) ** 2)) for e in laws])
+            found.setdefault(name, []).append([rms(change - DB * place @ e) for e in ([0.0, 0.0], [1.0, 1.0], learned)])
     return {"exponents: mean": np.mean(own, axis=0).tolist(), "exponents: sd": np.std(own, axis=0).tolist()} | {
         name: np.mean(errors, axis=0).tolist() for name, errors in found.items()
     }
