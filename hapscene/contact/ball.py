@@ -28,7 +28,7 @@ from hapscene.contact.face_tree import LEAF_MAX, way_from_cylinder
 from hapscene.contact.inside import close_left_punctures
 from hapscene.contact.planes import drop_idle, nearest
 from hapscene.contact.proxy import carried_position, list_bodies
-from hapscene.contact.triangle import closest_point, corners, edge_past, to_body, to_body_last, turn_to_world
+from hapscene.contact.triangle import closest_point, corners, edge_past, face_beyond, to_body, to_body_last, turn_to_world
 from hapscene.contact.world import FRONT_MAX
 from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
@@ -406,7 +406,7 @@ def _entry_below(world: "World", i: int, c_W: Vector) -> int:
         edge = edge_past(u, v, w, c, 0.0)
         if edge < 0:
             break
-        face = np.int64(world.beyond[body.mesh_row + face, edge])
+        face = face_beyond(world, body, face, edge)
         if face < 0:
             return i
     else:

@@ -9,7 +9,7 @@ returns `UNKNOWN` and the caller uses casts only.
 """
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from hapscene.compiled.native import inlined, native
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
 from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
-from hapscene.contact.triangle import corners, edge_past, is_narrow, plane, to_body, to_world
+from hapscene.contact.triangle import corners, edge_past, face_beyond, is_narrow, plane, to_body, to_world
 from hapscene.contact.world import DROPPED, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 
@@ -172,7 +172,7 @@ def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]
     body = world.bodies[index]
-    face: Any = np.int64(world.beyond[body.mesh_row + proxy.face[i], edge])
+    face = face_beyond(world, body, proxy.face[i], edge)
     if face < 0:
         return False
     here = proxy.crossed[crossed]

@@ -28,7 +28,7 @@ from hapscene.contact.planes import copy_plane, drop_planes_of
 from hapscene.contact.proxy import place_proxy
 from hapscene.contact.shading import CornerGroups
 from hapscene.contact.triangle import blend, corners, lies_over_in_body, plane, to_body_last, weights
-from hapscene.contact.world import DROPPED, SHAPES, WAYS, World, update_ball
+from hapscene.contact.world import DROPPED, SHAPES, WAYS, World, pack_faces, update_ball
 from hapscene.errors import SceneError, UsageWarning, warn
 from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, cross, dot, norm, numbers, sub
@@ -72,7 +72,7 @@ class Deformation:
 
     def __init__(self, world: World, index: int, name: str, mesh: "Mesh", *, first: int, crease_rad: float) -> None:
         self._index = index
-        self._faces = np.ascontiguousarray(mesh.faces, np.int32)
+        self._faces, self._beyond = np.ascontiguousarray(mesh.faces, np.int32), mesh.neighbours.beyond
         row, proxy = world.bodies[index], world.proxy[0]
         self._overlap_m = EDGE_OVERLAP * float(row.skin_m)
         self._groups = CornerGroups(mesh, crease_rad) if crease_rad > 0.0 else None
@@ -96,9 +96,9 @@ class Deformation:
         to = free[0]
         first = int(row.shape_face[to])
         packed = world.corners_m[first : first + len(self._faces)]
-        packed[:, :3] = vertices[self._faces]
+        pack_faces(vertices, self._faces, self._beyond, packed)
         if self._groups is not None:
-            packed[:, 3:] = self._groups.normals(packed[:, :3])
+            packed[:, 4:] = self._groups.normals(packed[:, :3])
         if row.tree_count > 0:
             order = world.tree_face[row.tree_face : row.tree_face + row.tree_count]
             nodes = world.tree[row.shape_tree[to] :][: 2 * row.leaf_count]

@@ -17,6 +17,7 @@ __all__ = [
     "closest_point",
     "corners",
     "edge_past",
+    "face_beyond",
     "is_narrow",
     "lies_over",
     "lies_over_in_body",
@@ -82,6 +83,12 @@ def corners(world: "World", body: np.record, face: int) -> tuple[Vector, Vector,
     """Return the three corners of a face in the body frame [m]."""
     row = body.face + face
     return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
+
+
+@inlined
+def face_beyond(world: "World", body: np.record, face: int, edge: int) -> int:
+    """Return the face of the mesh across an edge of a face, −1 for none."""
+    return int(world.corners_m[body.face + face, 3, edge])
 
 
 @inlined

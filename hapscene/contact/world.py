@@ -40,6 +40,7 @@ __all__ = [
     "World",
     "build_world",
     "count_overlapping",
+    "pack_faces",
     "shapes_of",
     "skin_of",
     "update_ball",
@@ -80,7 +81,6 @@ BODY: Final = np.dtype(
         ("radius_m", "f8"),  # radius of the ball around that origin that contains the mesh
         ("skin_m", "f8"),  # distance that the proxy keeps from faces during the search
         ("face", "i8"),  # first row in World.corners_m of the shape in use
-        ("mesh_row", "i8"),  # first row of the mesh in World.beyond
         ("two_sided", "i8"),  # 1: both sides of a face are solid, 0: only the outside
         ("moved", "i8"),  # 1 if the pose differs from that of the last tick
         ("punctured", "i8"),  # 0, or while punctured: 1 entered from the outside of a face, −1 from its back
@@ -189,10 +189,9 @@ class World(NamedTuple):
     """All arrays that the contact reads and writes."""
 
     bodies: Records  # (b,) BODY
-    # (f, 3, 3) corners in the body frame, mesh after mesh, so that a face is one contiguous read. With shading
-    # (f, 6, 3), corners and their normals; a separate array of normals would cost every tick 0.06 µs, even when unused
+    # (f, 4, 3), mesh after mesh: corners in the body frame, and the face of the mesh across each edge (`Neighbours`).
+    # So a face is two cache lines. With shading (f, 7, 3): normals at the corners follow
     corners_m: NDArray[np.float64]
-    beyond: NDArray[np.int32]  # (f, 3) face of the mesh across each edge, see `Neighbours`
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,) bodies to cast against: at most NEAR_MAX and those in contact
     moved: NDArray[np.int64]  # (b + 1,) number of bodies that moved in this tick, and their indices
@@ -243,8 +242,8 @@ class Shapes:
 
     Attributes:
         searches: search structure of each mesh, by the identity of the mesh.
-        first: first row of each mesh in `corners_m` and `beyond`, by the identity of the mesh.
-        corners_m, beyond: see `World`.
+        first: first row of each mesh in `corners_m`, by the identity of the mesh.
+        corners_m: see `World`.
         skin_m: skin of all meshes.
     """
 
@@ -253,22 +252,39 @@ class Shapes:
         self.skin_m = skin_of(*meshes) if skin_m is None else skin_m
         first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
         self.first = dict(zip(map(id, meshes), first, strict=False))
-        self.corners_m = np.empty((first[-1], 6 if crease_rad > 0.0 else 3, 3))
+        self.corners_m = _new_rows(first[-1], 7 if crease_rad > 0.0 else 4)
         with ThreadPoolExecutor(1) as beside:  # Embree and compiled code release the GIL
             built = [beside.submit(Search, mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes]
-            beyond = [mesh.neighbours.beyond for mesh in meshes]
-            self.beyond = beyond[0] if len(beyond) == 1 else np.concatenate(beyond)
+            for mesh, start in zip(meshes, first, strict=False):
+                rows = self.corners_m[start : start + len(mesh.faces)]
+                pack_faces(mesh.vertices_m, mesh.faces, mesh.neighbours.beyond, rows)
+                if crease_rad > 0.0:
+                    rows[:, 4:] = corner_normals(mesh, crease_rad)
             self.searches = {id(mesh): search.result() for mesh, search in zip(meshes, built, strict=True)}
-        for mesh, start in zip(meshes, first, strict=False):
-            rows = self.corners_m[start : start + len(mesh.faces)]
-            np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # mode="raise" would copy
-            if crease_rad > 0.0:
-                rows[:, 3:] = corner_normals(mesh, crease_rad)
 
     @cached_property
     def forest(self) -> "Forest":
         """Trees of all meshes, built when first used."""
         return Forest(self)
+
+
+def _new_rows(count: int, width: int) -> NDArray[np.float64]:
+    """Return empty rows (count, width, 3) that start at a multiple of 32 bytes: 4 x 3 numbers then lie in two lines."""
+    raw = np.empty(3 * width * count + 4)
+    start = -raw.ctypes.data // 8 % 4
+    return raw[start : start + 3 * width * count].reshape(count, width, 3)
+
+
+@native
+def pack_faces(
+    vertices_m: NDArray[np.float64], faces: NDArray[np.int32], beyond: NDArray[np.int32], rows: NDArray[np.float64]
+) -> None:
+    """Write the corners of faces (f, 3) and the faces across their edges to `rows`, see `World.corners_m`."""
+    for face in range(len(faces)):
+        for k in range(3):
+            for axis in range(3):
+                rows[face, k, axis] = vertices_m[faces[face, k], axis]
+            rows[face, 3, k] = beyond[face, k]
 
 
 class Forest:
@@ -321,7 +337,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
     shapes = shapes_of(bodies, crease_rad)
     forest = shapes.forest if tip_radius_m > 0.0 else Forest(None)
     rows, balls = _owning_records(len(bodies), BODY, [shapes]), np.zeros((len(bodies), 4))
-    _fill_bodies(rows, balls, bodies, shapes, (0, 0))
+    _fill_bodies(rows, balls, bodies, shapes, 0)
     _fill_trees(rows, bodies, forest, (0, 0))
     proxy = records(1, PROXY)
     proxy.radius_m = tip_radius_m
@@ -330,7 +346,6 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
     world = World(
         bodies=rows,
         corners_m=shapes.corners_m,
-        beyond=shapes.beyond,
         ball_W_m=balls,
         near=np.zeros(min(len(rows), NEAR_MAX + DROPPED), np.int64),
         moved=np.zeros(len(rows) + 1, np.int64),
@@ -351,7 +366,7 @@ def _fill_bodies(
     balls: NDArray[np.float64],
     bodies: "Sequence[Body]",
     shapes: Shapes | None,
-    first: tuple[int, int],
+    first: int,
     known: Mapping[int, Record] = MappingProxyType({}),
 ) -> None:
     """Fill the records of bodies and their bounding balls (b, 4).
@@ -360,20 +375,20 @@ def _fill_bodies(
         rows, balls: arrays to fill.
         bodies: bodies of the scene, one for each row.
         shapes: packed meshes of the bodies whose mesh is not in `known`.
-        first: first rows of `shapes` in `World.corners_m` and `World.beyond`.
+        first: first row of `shapes` in `World.corners_m`.
         known: records of bodies that are in the world already, by the identity of their mesh.
     """
     for row, ball, body in zip(rows, balls, bodies, strict=True):
         key = id(body.mesh)
         if key in known:
             row.search, row.radius_m, row.skin_m = known[key].search, known[key].radius_m, known[key].skin_m
-            row.center_B_m, row.face, row.mesh_row = known[key].center_B_m, known[key].face, known[key].mesh_row
+            row.center_B_m, row.face = known[key].center_B_m, known[key].face
         else:
             assert shapes is not None
             search = shapes.searches[key]
             row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
             row.center_B_m = search.center_m
-            row.face, row.mesh_row = (start + shapes.first[key] for start in first)
+            row.face = first + shapes.first[key]
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.last_R_WB, row.last_p_WB_m = row.R_WB, row.p_WB_m
@@ -436,7 +451,6 @@ class Extension:
         self._shapes = shapes_of(new, crease_rad, skin_m) if new else None
         self._bodies, self._before = bodies, world.corners_m
         self._corners_m = self._extended(world.corners_m)
-        self._beyond = np.concatenate((world.beyond, self._shapes.beyond)) if self._shapes else world.beyond
         self._forest = self._shapes.forest if self._shapes and len(world.ball) > 0 else Forest(None)
 
     def _extended(self, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -455,8 +469,7 @@ class Extension:
             if row.face_count > 0:  # deforming bodies may have taken new shapes since the constructor
                 first, end = int(row.shape_face[0]), int(row.shape_face[-1] + row.face_count)
                 corners_m[first:end] = world.corners_m[first:end]
-        ends = len(world.corners_m), len(world.beyond)
-        _fill_bodies(rows[before:], balls[before:], self._bodies, self._shapes, ends, self._rows)
+        _fill_bodies(rows[before:], balls[before:], self._bodies, self._shapes, len(world.corners_m), self._rows)
         ends = len(world.tree), len(world.tree_face)
         _fill_trees(rows[before:], self._bodies, self._forest, ends, self._rows)
         moved, impulse = np.zeros(count + 1, np.int64), world.impulse
@@ -469,7 +482,6 @@ class Extension:
         return world._replace(
             bodies=rows,
             corners_m=corners_m,
-            beyond=self._beyond,
             ball_W_m=balls,
             near=near,
             moved=moved,

@@ -27,7 +27,7 @@ def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ..
 
 
 _ADDRESSES: Final = (
-    *("search", "face", "mesh_row", "tree", "tree_face", "next"),
+    *("search", "face", "tree", "tree_face", "next"),
     *("shape_search", "shape_face", "shape_tree"),
 )
 """Fields of a body that are specific to this process, or to how the body was loaded."""

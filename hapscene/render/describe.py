@@ -106,9 +106,9 @@ def shade(world: "World", surface: "Surface") -> int:
     x = y = z = 0.0
     for k in range(3):
         w = max(0.0, touch.bary[k])  # the proxy can be one skin past an edge
-        x += w * world.corners_m[row, 3 + k, 0]
-        y += w * world.corners_m[row, 3 + k, 1]
-        z += w * world.corners_m[row, 3 + k, 2]
+        x += w * world.corners_m[row, 4 + k, 0]
+        y += w * world.corners_m[row, 4 + k, 1]
+        z += w * world.corners_m[row, 4 + k, 2]
     s = turn_to_world(body, (x, y, z))
     n = touch.nhat_W
     length = norm(s)

@@ -15,7 +15,7 @@ def world_of(*meshes: trimesh.Trimesh, known: bool = True, two_sided: bool = Fal
         scene.add(mesh, unit="m", two_sided=two_sided)
     world = build_world(scene.bodies)
     if not known:
-        world.beyond[:] = -1
+        world.corners_m[:, 3] = -1
     return world
 
 
