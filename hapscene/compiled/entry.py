@@ -80,6 +80,27 @@ else:
         return types.int64(types.int64, arguments), generate
 
 
+if INTERPRETED:
+
+    def prefetch(address: int) -> None:
+        """Load the cache line at an address, without waiting for it. Any address is allowed."""
+
+else:
+
+    @intrinsic
+    def prefetch(typing: Context, address: types.Type) -> tuple[Signature, Generate]:
+        """Load the cache line at an address, without waiting for it. Any address is allowed."""
+
+        def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
+            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+            function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+            builder.call(function, [builder.inttoptr(values[0], byte), word(0), word(3), word(1)])
+            return context.get_dummy_value()
+
+        return types.void(types.intp), generate
+
+
 def c_caller(result: types.Type, *arguments: types.Type) -> Callable[..., Any]:
     """Return a function that calls C functions of a signature (numba types) as `call(address, (a, b, …))`.
 

@@ -17,7 +17,7 @@ from hapscene.compiled.native import inlined, native
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
 from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
-from hapscene.contact.triangle import corners, edge_past, face_beyond, is_narrow, plane, to_body, to_world
+from hapscene.contact.triangle import corners, edge_past, face_beyond, fetch_neighbours, is_narrow, plane, to_body, to_world
 from hapscene.contact.world import DROPPED, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 
@@ -186,6 +186,7 @@ def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
         copy_plane(proxy, proxy.count - 1, i)
         proxy.count -= 1
         return bool(proxy.count > 0)
+    fetch_neighbours(world, body, face)
     a, b, c = corners(world, body, face)
     if is_narrow(a, b, c, EDGE_OVERLAP * body.skin_m):
         return False

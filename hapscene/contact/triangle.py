@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.entry import prefetch
 from hapscene.compiled.native import inlined, native
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 
@@ -89,6 +90,16 @@ def corners(world: "World", body: np.record, face: int) -> tuple[Vector, Vector,
 def face_beyond(world: "World", body: np.record, face: int, edge: int) -> int:
     """Return the face of the mesh across an edge of a face, −1 for none."""
     return int(world.corners_m[body.face + face, 3, edge])
+
+
+@inlined
+def fetch_neighbours(world: "World", body: np.record, face: int) -> None:
+    """Load the rows of the neighbours of a face into the cache: the tool may go there next."""
+    rows = world.corners_m
+    for edge in range(3):
+        start = rows.ctypes.data + (body.face + face_beyond(world, body, face, edge)) * rows.strides[0]
+        prefetch(start)
+        prefetch(start + 64)
 
 
 @inlined
