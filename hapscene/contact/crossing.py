@@ -64,8 +64,9 @@ def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> 
     count = proxy.count
     for i in range(count):
         copy_plane(proxy, i, SAVED + i)
-    place_W, crossed, where = goal_W, 0, PAST
-    while where == PAST:
+    place_W, crossed, before = goal_W, 0, -1
+    while crossed > before:
+        before = crossed
         for i in range(proxy.count - 1, -1, -1):  # all in one round: along a groove both faces end here
             edge = _edge_past(world, i, place_W)
             if edge < 0:
@@ -73,11 +74,11 @@ def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> 
             if crossed == FACES_MAX or not _cross(world, i, edge, crossed):
                 return _give_up(proxy, count, p_W)
             crossed += 1
-        found, place_W = nearest(proxy, tool_W, 1.0)
-        if not found:
-            return _give_up(proxy, count, p_W)
-        drop_idle(proxy)
-        where = lies_over_planes(world, place_W)
+        if crossed > before:
+            found, place_W = nearest(proxy, tool_W, 1.0)
+            if not found:
+                return _give_up(proxy, count, p_W)
+            drop_idle(proxy)
     if norm(sub(place_W, tool_W)) > norm(sub(p_W, tool_W)):
         return _give_up(proxy, count, p_W)
     # Second phase: sweep along the way that was found. It bends above each crossed edge that it would otherwise cut.
@@ -92,7 +93,7 @@ def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> 
             proxy.count, proxy.met[0] = 1, 0
             return BLOCKED, along(at_W, stop, sub(to_W, at_W))
         if first > crossed:
-            if where == OVER:
+            if not _any_met(proxy):
                 return SETTLED, place_W
             trust(proxy, proxy.count, math.inf)  # the proxy is no longer where a ray met the face of a plane
             return BLOCKED, place_W
@@ -134,6 +135,15 @@ def _give_up(proxy: np.record, count: int, p_W: Vector) -> tuple[int, Vector]:
         copy_plane(proxy, SAVED + i, i)
     proxy.count = count
     return UNKNOWN, p_W
+
+
+@inlined
+def _any_met(proxy: np.record) -> bool:
+    """Return whether a ray from the present proxy position met the face of a plane, or a plane was restored."""
+    met = False
+    for i in range(proxy.count):
+        met |= proxy.met[i] != 0
+    return met
 
 
 @inlined
