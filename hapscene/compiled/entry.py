@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 
 from hapscene.compiled.native import INTERPRETED, CFunction
 
-__all__ = ["Generate", "Values", "address_of", "c_caller", "call_entry", "call_flags", "entry_of"]
+__all__ = ["Generate", "Values", "address_of", "c_caller", "call_entry", "call_flags", "entry_of", "prefetch"]
 
 Values: TypeAlias = Sequence[ir.Value]
 Generate: TypeAlias = Callable[[BaseContext, ir.IRBuilder, Signature, Values], ir.Value]
@@ -64,6 +64,9 @@ if INTERPRETED:
         """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
         return int(_interpreted[address - 1](*arguments))
 
+    def prefetch(address: int) -> None:
+        """Begin to load the cache line at an address, which need not be valid."""
+
 else:
 
     @intrinsic
@@ -79,24 +82,15 @@ else:
 
         return types.int64(types.int64, arguments), generate
 
-
-if INTERPRETED:
-
-    def prefetch(address: int) -> None:
-        """Load the cache line at an address, without waiting for it. Any address is allowed."""
-
-else:
-
     @intrinsic
     def prefetch(typing: Context, address: types.Type) -> tuple[Signature, Generate]:
-        """Load the cache line at an address, without waiting for it. Any address is allowed."""
+        """Begin to load the cache line at an address, which need not be valid."""
 
         def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
             byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
             kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
             function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-            builder.call(function, [builder.inttoptr(values[0], byte), word(0), word(3), word(1)])
-            return context.get_dummy_value()
+            return builder.call(function, [builder.inttoptr(values[0], byte), word(0), word(3), word(1)])
 
         return types.void(types.intp), generate
 

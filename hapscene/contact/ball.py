@@ -18,9 +18,7 @@ Both sides of a face are solid. No skin is needed, since the centre is never clo
 """
 
 import math
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import PASS_MAX
@@ -28,7 +26,7 @@ from hapscene.contact.face_tree import LEAF_MAX, way_from_cylinder
 from hapscene.contact.inside import close_left_punctures
 from hapscene.contact.planes import drop_idle, nearest
 from hapscene.contact.proxy import carried_position, list_bodies
-from hapscene.contact.triangle import closest_point, corners, edge_past, face_beyond, to_body, to_body_last, turn_to_world
+from hapscene.contact.triangle import beyond, closest_point, corners, edge_past, to_body, to_body_last, turn_to_world
 from hapscene.contact.world import FRONT_MAX
 from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
@@ -399,14 +397,14 @@ def _entry_below(world: "World", i: int, c_W: Vector) -> int:
     is more than the next face. A small ball that is pushed deep would go far beyond that face, and come back.
     """
     ball, body = world.ball[0], world.bodies[world.ball[0].body[i]]
-    first: Any = -1 - ball.node[i]
+    first = -1 - ball.node[i]
     face, c = first, to_body(body, c_W)
     for _ in range(EDGES_MAX):
         u, v, w = corners(world, body, face)
         edge = edge_past(u, v, w, c, 0.0)
         if edge < 0:
             break
-        face = face_beyond(world, body, face, edge)
+        face = beyond(world, body, face, edge)
         if face < 0:
             return i
     else:

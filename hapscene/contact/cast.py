@@ -19,7 +19,7 @@ from hapscene.geometry import Vector, dot, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
-__all__ = ["SATISFIED", "cast", "cast_body", "put_plane"]
+__all__ = ["SATISFIED", "cast", "cast_body", "put_face"]
 
 SATISFIED = 0.01
 """Depth inside the skin of a face at which a goal still counts as free [skins]."""
@@ -89,12 +89,21 @@ def cast_body(world: "World", index: int, origin_B: Vector, goal_B: Vector, best
     if start > skin:
         stop = (start - skin) / (start - remaining)
     if stop < best:
-        put_plane(proxy, proxy.count, body, index, face, side, n, offset)
+        _put_plane(proxy, proxy.count, body, index, face, side, n, offset)
     return stop
 
 
 @inlined
-def put_plane(
+def put_face(world: "World", k: int, index: int, face: int, side: float) -> None:
+    """Write the plane of a face that no ray from the present proxy position met to slot `k`."""
+    body = world.bodies[index]
+    n, offset = plane(*corners(world, body, face))
+    _put_plane(world.proxy[0], k, body, index, face, side, (side * n[0], side * n[1], side * n[2]), side * offset)
+    world.proxy[0].met[k] = 0
+
+
+@inlined
+def _put_plane(
     proxy: np.record, k: int, body: np.record, index: int, face: int, side: float, n_B: Vector, offset_B: float
 ) -> None:
     """Write a plane, given in the frame of its body, to slot `k` in the world frame."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import EDGE_OVERLAP
-from hapscene.contact.cast import cast, put_plane
+from hapscene.contact.cast import cast, put_face
 from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
-from hapscene.contact.triangle import corners, edge_past, face_beyond, fetch_neighbours, is_narrow, plane, to_body, to_world
+from hapscene.contact.triangle import beyond, corners, edge_past, fetch_neighbours, is_narrow, to_body, to_world
 from hapscene.contact.world import DROPPED, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 
@@ -93,10 +93,11 @@ def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> 
             proxy.count, proxy.met[0] = 1, 0
             return BLOCKED, along(at_W, stop, sub(to_W, at_W))
         if first > crossed:
-            if not _any_met(proxy):
-                return SETTLED, place_W
-            trust(proxy, proxy.count, math.inf)  # the proxy is no longer where a ray met the face of a plane
-            return BLOCKED, place_W
+            for i in range(proxy.count):
+                if proxy.met[i] != 0:
+                    trust(proxy, proxy.count, math.inf)  # the proxy is no longer where a ray met the face of a plane
+                    return BLOCKED, place_W
+            return SETTLED, place_W
         at_W = to_W
 
 
@@ -138,15 +139,6 @@ def _give_up(proxy: np.record, count: int, p_W: Vector) -> tuple[int, Vector]:
 
 
 @inlined
-def _any_met(proxy: np.record) -> bool:
-    """Return whether a ray from the present proxy position met the face of a plane, or a plane was restored."""
-    met = False
-    for i in range(proxy.count):
-        met |= proxy.met[i] != 0
-    return met
-
-
-@inlined
 def lies_over_planes(world: "World", p_W: Vector) -> int:
     """Return whether the feet of a point lie on the faces of all planes: `OVER`, `NOT_PAST` or `PAST`.
 
@@ -182,7 +174,7 @@ def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]
     body = world.bodies[index]
-    face = face_beyond(world, body, proxy.face[i], edge)
+    face = beyond(world, body, proxy.face[i], edge)
     if face < 0:
         return False
     here = proxy.crossed[crossed]
@@ -209,7 +201,5 @@ def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
         if slot == DROPPED:
             return False
         proxy.count += 1
-    n, offset = plane(a, b, c)
-    put_plane(proxy, slot, body, index, face, side, (side * n[0], side * n[1], side * n[2]), side * offset)
-    proxy.met[slot] = 0
+    put_face(world, slot, index, face, side)
     return True

@@ -12,7 +12,7 @@ import numpy as np
 
 from hapscene.compiled.native import inlined, native
 from hapscene.contact.cast import SATISFIED
-from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
+from hapscene.contact.triangle import lies_over
 from hapscene.contact.world import DROPPED, SAVED
 from hapscene.geometry import Vector
 
@@ -29,7 +29,6 @@ __all__ = [
     "nearest",
     "restore_plane",
     "trust",
-    "update_plane",
 ]
 
 TOLERANCE = 1e-3
@@ -274,21 +273,6 @@ def drop_planes_of(proxy: np.record, index: int) -> None:
             copy_plane(proxy, i, kept)
             kept += 1
     proxy.count = kept
-
-
-@native
-def update_plane(world: "World", i: int) -> None:
-    """Recompute plane `i` from its face at the present pose of the body."""
-    proxy = world.proxy[0]
-    body = world.bodies[proxy.body[i]]
-    a, b, c = corners(world, body, proxy.face[i])
-    n_B, offset = plane(a, b, c)
-    side = proxy.side[i]
-    n = turn_to_world(body, n_B)
-    for k in range(3):
-        proxy.nhat_W[i, k] = side * n[k]
-    o = body.p_WB_m
-    proxy.offset_m[i] = side * (offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2])
 
 
 @native

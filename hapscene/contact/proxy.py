@@ -16,9 +16,9 @@ import numpy as np
 
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX, REACH_MAX_M
-from hapscene.contact.cast import cast, cast_body
+from hapscene.contact.cast import cast, cast_body, put_face
 from hapscene.contact.crossing import BLOCKED, OVER, PAST, SETTLED, cross_edges, lies_over_planes
-from hapscene.contact.inside import close_left_punctures, encloses
+from hapscene.contact.inside import close_left_punctures, encloses, look_direction
 from hapscene.contact.planes import (
     copy_plane,
     drop_idle,
@@ -27,7 +27,6 @@ from hapscene.contact.planes import (
     nearest,
     restore_plane,
     trust,
-    update_plane,
 )
 from hapscene.contact.triangle import lies_over, to_body, to_body_last, to_world
 from hapscene.contact.world import DROPPED, SAVED
@@ -83,16 +82,8 @@ def place_proxy(world: "World", p_W: Vector) -> None:
     for _ in range(min(len(world.bodies), PASS_MAX)):
         before = p_W
         for axis in range(6):
-            step = 2.0 * skin if axis < 3 else -2.0 * skin
-            x, y, z = p_W
-            if axis % 3 == 0:
-                x += step
-            elif axis % 3 == 1:
-                y += step
-            else:
-                z += step
             proxy.count = 0
-            if cast(world, (x, y, z), p_W) <= 1.0:
+            if cast(world, along(p_W, 2.0 * skin, look_direction(axis)), p_W) <= 1.0:
                 _, p_W = nearest(proxy, p_W, 1.0)
         if p_W == before:
             break
@@ -232,7 +223,7 @@ def _carry(world: "World", carried_W: Vector) -> None:
     trust(proxy, proxy.count, math.inf)
     for i in range(proxy.count):
         if world.bodies[proxy.body[i]].moved == 1:
-            update_plane(world, i)
+            put_face(world, i, proxy.body[i], proxy.face[i], proxy.side[i])
     carried = norm(sub(p, before)) > 0.0
     # In the frame of each other body, the proxy moves from where it was relative to the last pose to where it is now
     # relative to the present pose. A cast along that motion finds faces that ran into the proxy.

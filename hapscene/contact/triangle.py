@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.entry import prefetch
 from hapscene.compiled.native import inlined, native
-from hapscene.geometry import Vector, along, cross, dot, norm, sub
+from hapscene.geometry import Vector, along, cross, dot, norm, row, sub
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
 __all__ = [
-    "barycentric",
+    "beyond",
     "blend",
     "closest_point",
     "corners",
     "edge_past",
-    "face_beyond",
+    "fetch_neighbours",
     "is_narrow",
     "lies_over",
     "lies_over_in_body",
@@ -82,12 +82,12 @@ def turn_to_body(body: np.record, v_W: Vector) -> Vector:
 @inlined
 def corners(world: "World", body: np.record, face: int) -> tuple[Vector, Vector, Vector]:
     """Return the three corners of a face in the body frame [m]."""
-    row = body.face + face
-    return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
+    triangle = world.corners_m[body.face + face]
+    return row(triangle, 0), row(triangle, 1), row(triangle, 2)
 
 
 @inlined
-def face_beyond(world: "World", body: np.record, face: int, edge: int) -> int:
+def beyond(world: "World", body: np.record, face: int, edge: int) -> int:
     """Return the face of the mesh across an edge of a face, −1 for none."""
     return int(world.corners_m[body.face + face, 3, edge])
 
@@ -97,14 +97,9 @@ def fetch_neighbours(world: "World", body: np.record, face: int) -> None:
     """Load the rows of the neighbours of a face into the cache: the tool may go there next."""
     rows = world.corners_m
     for edge in range(3):
-        start = rows.ctypes.data + (body.face + face_beyond(world, body, face, edge)) * rows.strides[0]
+        start = rows.ctypes.data + (body.face + beyond(world, body, face, edge)) * rows.strides[0]
         prefetch(start)
         prefetch(start + 64)
-
-
-@inlined
-def _corner(world: "World", row: int, k: int) -> Vector:
-    return world.corners_m[row, k, 0], world.corners_m[row, k, 1], world.corners_m[row, k, 2]
 
 
 @inlined
@@ -180,12 +175,6 @@ def closest_point(a: Vector, b: Vector, c: Vector, p: Vector) -> Vector:
         return along(b, (d4 - d3) / ((d4 - d3) + (d5 - d6)), sub(c, b))
     total = va + vb + vc
     return along(along(a, vb / total, ab), vc / total, ac)
-
-
-@native
-def barycentric(world: "World", body: np.record, face: int, p_W: Vector) -> Vector:
-    """Return the barycentric coordinates of the foot of a point on the plane of a face [1]."""
-    return weights(corners(world, body, face), to_body(body, p_W))
 
 
 @native

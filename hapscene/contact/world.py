@@ -114,6 +114,9 @@ BODY: Final = np.dtype(
     align=True,
 )
 
+OF_MESH: Final = ("search", "center_B_m", "radius_m", "skin_m", "face", "tree", "leaf_count", "tree_face", "tree_count")
+"""Fields of a body that are equal for all resting bodies with the same mesh."""
+
 PROXY: Final = np.dtype(
     [
         ("p_W_m", "f8", (3,)),  # proxy position of the search, one skin above every face in contact
@@ -252,7 +255,10 @@ class Shapes:
         self.skin_m = skin_of(*meshes) if skin_m is None else skin_m
         first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
         self.first = dict(zip(map(id, meshes), first, strict=False))
-        self.corners_m = _new_rows(first[-1], 7 if crease_rad > 0.0 else 4)
+        width = 7 if crease_rad > 0.0 else 4
+        memory = np.empty(3 * width * first[-1] + 4)  # 4 x 3 numbers lie in two cache lines if they start at 32 bytes
+        memory = memory[-memory.ctypes.data // 8 % 4 :][: 3 * width * first[-1]]
+        self.corners_m = memory.reshape(-1, width, 3)
         with ThreadPoolExecutor(1) as beside:  # Embree and compiled code release the GIL
             built = [beside.submit(Search, mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes]
             for mesh, start in zip(meshes, first, strict=False):
@@ -266,13 +272,6 @@ class Shapes:
     def forest(self) -> "Forest":
         """Trees of all meshes, built when first used."""
         return Forest(self)
-
-
-def _new_rows(count: int, width: int) -> NDArray[np.float64]:
-    """Return empty rows (count, width, 3) that start at a multiple of 32 bytes: 4 x 3 numbers then lie in two lines."""
-    raw = np.empty(3 * width * count + 4)
-    start = -raw.ctypes.data // 8 % 4
-    return raw[start : start + 3 * width * count].reshape(count, width, 3)
 
 
 @native
@@ -337,8 +336,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
     shapes = shapes_of(bodies, crease_rad)
     forest = shapes.forest if tip_radius_m > 0.0 else Forest(None)
     rows, balls = _owning_records(len(bodies), BODY, [shapes]), np.zeros((len(bodies), 4))
-    _fill_bodies(rows, balls, bodies, shapes, 0)
-    _fill_trees(rows, bodies, forest, (0, 0))
+    _fill_bodies(rows, balls, bodies, shapes, forest, (0, 0, 0))
     proxy = records(1, PROXY)
     proxy.radius_m = tip_radius_m
     proxy.far_m = max(FAR_M, FAR_RATIO * 2.0 * float(balls[:, 3].max(initial=0.0)))
@@ -366,7 +364,8 @@ def _fill_bodies(
     balls: NDArray[np.float64],
     bodies: "Sequence[Body]",
     shapes: Shapes | None,
-    first: int,
+    forest: Forest,
+    first: tuple[int, int, int],
     known: Mapping[int, Record] = MappingProxyType({}),
 ) -> None:
     """Fill the records of bodies and their bounding balls (b, 4).
@@ -374,44 +373,29 @@ def _fill_bodies(
     Args:
         rows, balls: arrays to fill.
         bodies: bodies of the scene, one for each row.
-        shapes: packed meshes of the bodies whose mesh is not in `known`.
-        first: first row of `shapes` in `World.corners_m`.
+        shapes, forest: packed meshes of the bodies whose mesh is not in `known`, and their trees.
+        first: first rows of these in `World.corners_m`, `World.tree` and `World.tree_face`.
         known: records of bodies that are in the world already, by the identity of their mesh.
     """
     for row, ball, body in zip(rows, balls, bodies, strict=True):
         key = id(body.mesh)
         if key in known:
-            row.search, row.radius_m, row.skin_m = known[key].search, known[key].radius_m, known[key].skin_m
-            row.center_B_m, row.face = known[key].center_B_m, known[key].face
+            for name in OF_MESH:
+                row[name] = known[key][name]
         else:
             assert shapes is not None
             search = shapes.searches[key]
             row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
             row.center_B_m = search.center_m
-            row.face = first + shapes.first[key]
+            row.face = first[0] + shapes.first[key]
+            if key in forest.place:
+                tree, row.leaf_count, face, row.tree_count = forest.place[key]
+                row.tree, row.tree_face = first[1] + tree, first[2] + face
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.last_R_WB, row.last_p_WB_m = row.R_WB, row.p_WB_m
         ball[:3] = (row.R_WB * row.center_B_m).sum(axis=1) + row.p_WB_m
         ball[3] = row.radius_m + row.skin_m
-
-
-def _fill_trees(
-    rows: Records,
-    bodies: "Sequence[Body]",
-    forest: Forest,
-    first: tuple[int, int],
-    known: Mapping[int, Record] = MappingProxyType({}),
-) -> None:
-    """Fill the fields of the trees in the records of bodies; arguments as in `_fill_bodies`."""
-    for row, body in zip(rows, bodies, strict=True):
-        key = id(body.mesh)
-        if key in forest.place:
-            tree, row.leaf_count, face, row.tree_count = forest.place[key]
-            row.tree, row.tree_face = first[0] + tree, first[1] + face
-        elif key in known:
-            for name in ("tree", "leaf_count", "tree_face", "tree_count"):
-                row[name] = known[key][name]
 
 
 FAR_FINER: Final = 100.0
@@ -469,9 +453,8 @@ class Extension:
             if row.face_count > 0:  # deforming bodies may have taken new shapes since the constructor
                 first, end = int(row.shape_face[0]), int(row.shape_face[-1] + row.face_count)
                 corners_m[first:end] = world.corners_m[first:end]
-        _fill_bodies(rows[before:], balls[before:], self._bodies, self._shapes, len(world.corners_m), self._rows)
-        ends = len(world.tree), len(world.tree_face)
-        _fill_trees(rows[before:], self._bodies, self._forest, ends, self._rows)
+        ends = len(world.corners_m), len(world.tree), len(world.tree_face)
+        _fill_bodies(rows[before:], balls[before:], self._bodies, self._shapes, self._forest, ends, self._rows)
         moved, impulse = np.zeros(count + 1, np.int64), world.impulse
         moved[: before + 1] = world.moved
         if len(impulse) < count:

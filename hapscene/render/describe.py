@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
-from hapscene.contact.triangle import barycentric, to_body, to_body_last, to_world, turn_to_world
+from hapscene.contact.triangle import corners, to_body, to_body_last, to_world, turn_to_world, weights
 from hapscene.geometry import Vector, along, dot, norm, sub
 from hapscene.records import Record
 from hapscene.surface.blending import paint_at, take_paint
@@ -129,7 +129,7 @@ def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector, p_WC
     body = world.bodies[touch.body]
     for i in range(3):
         touch.x_WB[i], touch.y_WB[i] = body.R_WB[i, 0], body.R_WB[i, 1]
-    _set(touch.bary, barycentric(world, body, touch.face, p_WC))
+    _set(touch.bary, weights(corners(world, body, touch.face), to_body(body, p_WC)))
     paint = int(surface.paint[surface.paint_start[touch.body] + touch.face])
     if paint < 0:
         paint = paint_at(surface.leaf, surface.leaf_start[-1 - paint], surface.leaf_start[-paint], touch.bary)

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from hapscene.contact.triangle import (
-    barycentric,
     corners,
     is_narrow,
     lies_over,
@@ -13,6 +12,7 @@ from hapscene.contact.triangle import (
     to_body,
     to_body_last,
     to_world,
+    weights,
 )
 
 
@@ -54,9 +54,9 @@ def test_barycentric_coordinates(world, triangle, turned):
     mesh = triangle.copy()
     mesh.vertices = triangle.vertices @ turned.T + 10.0
     w = world(mesh)
-    weights = np.array([0.2, 0.3, 0.5])
-    foot = weights @ mesh.vertices
-    np.testing.assert_allclose(barycentric(w, w.bodies[0], 0, tuple(foot + 0.01 * mesh.face_normals[0])), weights)
+    at = np.array([0.2, 0.3, 0.5])
+    above = to_body(w.bodies[0], tuple(at @ mesh.vertices + 0.01 * mesh.face_normals[0]))
+    np.testing.assert_allclose(weights(corners(w, w.bodies[0], 0), above), at)
 
 
 def test_frames_of_a_moved_body(world, triangle, turned):
