@@ -31,6 +31,7 @@ def test_a_narrow_triangle_is_lower_than_the_least_height_over_its_longest_edge(
 def test_corners_equal_the_mesh(world, triangle):
     w = world(triangle)
     np.testing.assert_array_equal(corners(w, w.bodies[0], 0), triangle.vertices)
+    assert w.corners_m.ctypes.data % 32 == 0 and w.corners_m.strides[0] == 96  # a face lies in two cache lines
 
 
 @pytest.mark.parametrize(
