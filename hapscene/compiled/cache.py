@@ -26,6 +26,7 @@ import numba
 from numba import config
 from numba.core import caching, compiler
 from numba.core.cpu import CPUContext
+from numba.core.runtime.nrt import rtsys
 from numba.core.types import Type
 from numba.core.typing.templates import Signature
 from platformdirs import user_cache_path
@@ -70,10 +71,11 @@ class DiskCache(caching._Cache):
         return str(cache_folder() or "")
 
     def load_overload(self, signature: Kinds, target_context: CPUContext) -> Any:
-        target_context.refresh()  # numba's runtime, whose symbols the code may need, is made by its first use
         for path in self._places(signature, target_context):
             content = _whole_content(path)
             if content is not None:
+                if b"NRT_" in content:  # symbols of numba's runtime, which is made by its first use
+                    rtsys.initialize(target_context)
                 with suppress(Exception):  # made by another build of a library: recompile
                     found = compiler.CompileResult._rebuild(target_context, *pickle.loads(content))
                     with suppress(OSError):
