@@ -151,6 +151,7 @@ def _draw_batch(platform: str, drawing: "Drawing") -> NDArray[np.uint8]:
 
 def _main() -> None:
     """Main function of the child process: import GL, read the drawing, render it."""
+    gc.disable()
     from hapscene.view.gl import render, without_viewer
 
     with os.fdopen(os.dup(1), "wb") as out:

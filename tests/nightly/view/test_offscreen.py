@@ -38,6 +38,21 @@ def test_batches(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.array_equal(whole[0], whole[2]) and not np.array_equal(whole[0], whole[1])  # of two processes
 
 
+def test_parts_at_the_same_place_are_drawn_in_the_same_order_each_time(drawing: Drawing) -> None:
+    (cone,) = drawing.parts
+    parts = [
+        cone._replace(picture=np.full((2, 2, 3), 40 * k, np.uint8), uv=np.zeros((len(cone.corner_m), 2)))
+        for k in range(7)
+    ]
+    frame = replace(drawing.frames[0], shown=[(k, np.eye(4)) for k in range(7)])
+    every = replace(drawing, parts=parts, frames=[frame])
+    try:
+        pictures = [next(draw(every)) for _ in range(3)]
+    except ViewError as error:
+        pytest.skip(str(error))
+    assert all(np.array_equal(pictures[0], picture) for picture in pictures[1:])
+
+
 def test_working_folder_is_not_imported(drawing: Drawing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "numpy.py").write_text("raise SystemExit('of the working folder')\n")
     monkeypatch.chdir(tmp_path)
