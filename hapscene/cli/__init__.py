@@ -9,12 +9,13 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
 from hapscene import __version__
 from hapscene.cli.console import print_error, print_note, ready_streams
+from hapscene.cli.light_start import rare_collection
 from hapscene.errors import HapsceneError
 from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
 
@@ -66,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in tokens  # accepted at any position: users append it to a command that failed
-    with interrupted_by_ends():
+    with rare_collection() if arguments is None else nullcontext(), interrupted_by_ends():
         return _guarded([token for token in tokens if token != "--debug"], debug)
 
 

@@ -146,8 +146,7 @@ def _devices(names: list[str], options: dict[str, str]) -> "list[str | DeviceCho
 
 def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
     """Show the status of a servo until it ends, then a summary. If the servo fails, write its session log."""
-    from hapscene.play.keys import pressed_keys
-    from hapscene.play.monitor import Monitor
+    from hapscene.play.monitor import Monitor, pressed_keys
 
     with ExitStack() as stack:
         monitor = Monitor(servo)

@@ -1,7 +1,11 @@
-"""Terminal monitor of `hapscene play`: timing statistics, force and contact, limits and their causes."""
+"""Terminal of `hapscene play`: timing statistics, force and contact, limits and their causes; key presses."""
 
 import math
+import os
+import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Final
 
 import numpy as np
@@ -14,7 +18,7 @@ from hapscene.loop.servo_state import TickLog
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
 from hapscene.records import Record
 
-__all__ = ["FLAG_TEXTS", "Monitor", "deadline_misses"]
+__all__ = ["FLAG_TEXTS", "Monitor", "deadline_misses", "pressed_keys"]
 
 FLAG_TEXTS: Final = {
     Flag.TOOL_NOT_FINITE: "device position is not a finite number",
@@ -160,3 +164,33 @@ def _warmth(device: Record) -> str:
 def _buttons(device: Record) -> str:
     pressed = [str(k + 1) for k in range(16) if int(device.buttons) >> k & 1]
     return f"   button {', '.join(pressed)}" if pressed else ""
+
+
+@contextmanager
+def pressed_keys() -> Iterator[Callable[[], str]]:
+    """A function that returns the keys pressed since its last call; "" if standard input is not a terminal."""
+    try:
+        import select
+        import termios
+        import tty
+
+        fd = sys.stdin.fileno()
+        before = termios.tcgetattr(fd)
+        if os.tcgetpgrp(fd) != os.getpgrp():  # a background process that sets the terminal is stopped
+            raise OSError
+    except (ImportError, OSError, ValueError, termios.error):
+        yield lambda: ""
+        return
+
+    def keys() -> str:
+        pressed = b""
+        with suppress(OSError):  # the terminal is gone
+            while select.select([fd], [], [], 0.0)[0] and (read := os.read(fd, 64)):
+                pressed += read
+        return pressed.decode("ascii", "ignore")
+
+    tty.setcbreak(fd)
+    try:
+        yield keys
+    finally:
+        termios.tcsetattr(fd, termios.TCSADRAIN, before)

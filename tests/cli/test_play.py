@@ -12,7 +12,7 @@ from hapscene.cli import main, play
 from hapscene.cli.play import _devices
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
-from hapscene.play.keys import pressed_keys
+from hapscene.play.monitor import pressed_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = str(ROOT / "assets" / "demo.scene.json")
