@@ -5,17 +5,17 @@ docstring is the help. cyclopts imports a module only when one of its commands i
 it needs when it runs, so that `hapscene --help` starts fast.
 """
 
+import gc
 import signal
 import sys
 import warnings
-from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
 from hapscene import __version__
 from hapscene.cli.console import print_error, print_note, ready_streams
-from hapscene.cli.light_start import rare_collection
 from hapscene.errors import HapsceneError
 from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
 
@@ -67,8 +67,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in tokens  # accepted at any position: users append it to a command that failed
-    with rare_collection() if arguments is None else nullcontext(), interrupted_by_ends():
+    with _rare_collection() if arguments is None else nullcontext(), interrupted_by_ends():
         return _guarded([token for token in tokens if token != "--debug"], debug)
+
+
+@contextmanager
+def _rare_collection() -> Iterator[None]:
+    """Context in which garbage is collected rarely, and after which it is not collected: the process ends.
+
+    By default a quarter of the time of imports is spent on looking for garbage, which imports do not leave.
+    """
+    gc.set_threshold(100_000)
+    try:
+        yield
+    finally:
+        gc.freeze()  # at exit, Python would look through all objects several times
 
 
 def _guarded(tokens: list[str], debug: bool) -> int:

@@ -159,11 +159,9 @@ def load_input(path: str, options: "MeshOptions", device: str = "omni") -> "Scen
         HapsceneError: the file is missing or cannot be loaded.
     """
     check_scene(path, options)
-    from hapscene.cli.light_start import import_trimesh
     from hapscene.touch import open_scene, step
 
     with step(print_progress, loading(path)):
-        import_trimesh()
         scene = open_scene(path, options.unit, options.swatch, options.two_sided, **options.reading())
     print_size_advice(scene, path, device)
     return scene

@@ -143,14 +143,12 @@ def touch(
     check_scene(scene, mesh)
     out = out or Path("out", base_name(scene))
     hand.check(path)
-    from hapscene.cli.light_start import import_matplotlib
     from hapscene.view.offscreen import started_ahead
 
     with nullcontext() if no_picture else started_ahead():
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
-        import_matplotlib()
         render = {"settings": of_effects, "seed": seed, "a_rate_Hz": rate}
         render |= {"tip_radius_m": tip_radius} | ({} if effects is None else {"effects": effects})
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}

@@ -107,29 +107,12 @@ def _distance(depth: NDArray[np.float32], far_m: float, n: int = 1) -> NDArray[n
     return np.where(np.isinf(depth), np.inf, far_m * (NEAR + (share + 1) / 2 * (1 - NEAR))).astype(np.float32)
 
 
-def _depth_of(renderer: Any) -> NDArray[np.float32]:
-    """Read the depth as `pyrender.Renderer.read_depth_buf`, without its masks, which take six times as long."""
-    GL = import_module("OpenGL.GL")
-    width, height = renderer.viewport_width, renderer.viewport_height
-    raw = GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
-    depth = np.frombuffer(raw, np.float32).reshape(height, width)[::-1]
-    near, far = renderer._latest_znear, renderer._latest_zfar
-    found = 2 * depth - 1
-    found *= near - far
-    found += near + far
-    np.divide(2 * near * far, found, out=found, where=depth < 1)
-    np.copyto(found, 0, where=depth == 1)
-    return found
-
-
 def without_viewer() -> ModuleType:
     """Import pyrender without its viewer, which would load pyglet and with it libGL, libEGL or X11."""
     stub = ModuleType("pyrender.viewer")
     stub.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault("pyrender.viewer", stub)
-    pyrender = import_module("pyrender")
-    pyrender.Renderer.read_depth_buf = _depth_of
-    return pyrender
+    return import_module("pyrender")
 
 
 def _empty(pyrender: ModuleType, background: str) -> Any:

@@ -106,7 +106,7 @@ class Shadows:
 
     def _with_ground(self, depth_m: Array, X_SC: NDArray[np.float64], pixel_m: float) -> Array:
         """Return the depth of the ground at pixels without a surface."""
-        x, y = _centres(depth_m.shape, pixel_m)
+        x, y, _ = _points(np.zeros_like(depth_m), np.eye(4), pixel_m)
         right, up, back = X_SC[2, :3].astype(np.float32)
         ground_m = (np.float32(X_SC[2, 3] - self.low_m) + right * x + up * y) / max(back, np.float32(1e-3))
         return np.where(np.isinf(depth_m), ground_m, depth_m)
@@ -160,16 +160,11 @@ def _share(gaps: Iterable[Array]) -> Array:
     return np.asarray(sum((gap > 0).astype(np.float32) for gap in gaps) / np.float32(SAMPLES))
 
 
-def _centres(shape: tuple[int, ...], pixel_m: float) -> tuple[Array, Array]:
-    """Return the centres of pixels (h, w) in the frame of the camera: x (1, w) and y (h, 1) [m]."""
-    h, w = shape
-    x, y = (np.arange(w) + 0.5 - w / 2) * pixel_m, (h / 2 - np.arange(h) - 0.5) * pixel_m
-    return x[None, :].astype(np.float32), y[:, None].astype(np.float32)
-
-
 def _points(depth_m: Array, X_SC: NDArray[np.floating], pixel_m: float) -> Array:
     """Return the points (3, h, w) at a depth in the centres of the pixels of a camera."""
-    p_C = np.stack(np.broadcast_arrays(*_centres(depth_m.shape, pixel_m), np.asarray(-depth_m, np.float32)))
+    h, w = depth_m.shape
+    x, y = (np.arange(w) + 0.5 - w / 2) * pixel_m, (h / 2 - np.arange(h) - 0.5) * pixel_m
+    p_C = np.stack([*np.broadcast_arrays(x[None, :], y[:, None]), -depth_m]).astype(np.float32)
     X = X_SC.astype(np.float32)
     return np.asarray(np.tensordot(X[:3, :3], p_C, 1) + X[:3, 3, None, None])
 

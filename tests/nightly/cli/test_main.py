@@ -23,17 +23,6 @@ def test_a_missing_unit_is_an_error_before_slow_imports(folder: Path, command: s
     assert done.stderr.startswith("hapscene: cube.stl: ") and "--unit mm" in done.stderr
 
 
-def test_touch_of_a_mesh_imports_no_more_than_it_needs(folder: Path) -> None:
-    code = (
-        "import sys\nfrom hapscene.cli import main\n"
-        "assert main(['touch', 'cube.stl', '--unit', 'mm', '--no-picture']) == 0\n"
-        "assert not {'scipy.spatial', 'scipy.ndimage', 'networkx', 'cascadio'} & set(sys.modules)\n"
-        "import trimesh\nassert abs(trimesh.creation.box().convex_hull.volume - 1.0) < 1e-9"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
 def test_help_and_version_are_fast() -> None:
     code = (
         "import sys\nfrom hapscene.cli import main\n"
