@@ -49,6 +49,7 @@ class Tab:
         self.send("theme", dark=False)
         with self._changed:
             self._changed.wait_for(lambda: self.state)
+        self.send("shown")
 
     @property
     def tools(self) -> Tools:

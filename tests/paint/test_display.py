@@ -136,16 +136,15 @@ def test_reduced_mesh_is_close_to_the_original_with_equal_sides(thickness_m: flo
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     flat = np.abs(shape.normal[:, 2]) > 0.9
-    cosine = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
+    cosine = np.einsum("ij,ij->i", normal[made.overlay.shown_of], shape.normal)
     assert (cosine[flat] > -0.1).all()  # no front face is represented by a back face
     ball = reduce_mesh(PaintableMesh(BALL), 1000)
     assert np.linalg.norm(ball.vertices_m, axis=1) == pytest.approx(0.02, rel=0.02)
     middle = PaintableMesh(BALL).centroid_m
-    nearest = closest_point(ball.vertices_m[ball.faces][ball.shown_of].astype(float), middle)
+    nearest = closest_point(ball.vertices_m[ball.faces][ball.overlay.shown_of].astype(float), middle)
     gap = np.linalg.norm(nearest - middle, axis=1)
     assert gap.max() < 0.0005  # what stands for a face is over or under it
-    assert ball.raised_m is not None
-    height = np.linalg.norm(ball.raised_m, axis=1) - 0.02
+    height = np.linalg.norm(ball.overlay.raised_m, axis=1) - 0.02
     assert (height > 0).all() and height.max() < 0.0005  # above the facets, which lie inside the ball
 
 

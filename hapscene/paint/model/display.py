@@ -6,8 +6,9 @@ subfaces here (the leaves of the subdivision tree of `hapscene.scene.fine_paint`
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -94,19 +95,27 @@ class ShownSubfaces:
 
     Args:
         body: the body.
-        area_m2: (M,) areas of its faces [m²].
-        group: (M,) group of neighbouring faces that each face belongs to, counted from 0.
+        shape: its mesh.
+        group: returns the group (M,) of neighbouring faces that each face belongs to, counted from 0.
 
     Attributes:
         has: (M,) bool, whether each face is subdivided.
     """
 
-    def __init__(self, body: Body, area_m2: NDArray[np.float64], group: NDArray[np.int32]) -> None:
-        self._body, self._group = body, group
-        share = PATCHES * area_m2 / max(float(area_m2.sum()), 1e-300)
-        self._bits = np.clip(np.ceil(np.log2(np.maximum(share, 1e-9))), 0, PATCH_BITS).astype(np.int64)
+    def __init__(self, body: Body, shape: PaintableMesh, group: Callable[[], NDArray[np.int32]]) -> None:
+        self._body, self._shape, self._group_of = body, shape, group
         self._shown = NOTHING
-        self.has = np.zeros(len(group), np.bool_)
+        self.has = np.zeros(len(shape.normal), np.bool_)
+
+    @cached_property
+    def _bits(self) -> NDArray[np.int64]:
+        """Number of bisections (M,) from each face to its patches; 0 for a small face."""
+        share = PATCHES * self._shape.area_m2 / max(float(self._shape.area_m2.sum()), 1e-300)
+        return np.clip(np.ceil(np.log2(np.maximum(share, 1e-9))), 0, PATCH_BITS).astype(np.int64)
+
+    @cached_property
+    def _group(self) -> NDArray[np.int32]:
+        return self._group_of()
 
     def update(self, faces: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.integer]]:
         """Update faces (n,); returns the changed patches, and the faces that are newly or no longer subdivided."""
@@ -140,6 +149,8 @@ class ShownSubfaces:
 
     def _patch(self, subfaces: FinePaint) -> NDArray[np.int64]:
         """Patch (k,) of each subface."""
+        if not len(subfaces):
+            return np.zeros(0, np.int64)
         bits = self._bits[subfaces.face]
         piece = subfaces.path.astype(np.int64) >> (LEVEL_MAX - bits)
         large = LARGE + (subfaces.face.astype(np.int64) << PATCH_BITS | piece)
@@ -243,6 +254,22 @@ class Layer:
         return int(parts(self.paint)[0])
 
 
+class Overlay(NamedTuple):
+    """Correspondence of a full mesh and its reduced mesh.
+
+    Attributes:
+        shown_of: (M,) int32, the shown face that represents each face of the full mesh.
+        lent: (k, 2) int32, shown faces that represent no face, and the face of the full mesh whose colour each takes.
+        under: (N,) int32, the shown face below or above each vertex of the full mesh; −1 if it does not exist.
+        raised_m: (N, 3) float32, vertices of the full mesh raised above the shown faces [m].
+    """
+
+    shown_of: NDArray[np.int32]
+    lent: NDArray[np.int32]
+    under: NDArray[np.int32]
+    raised_m: NDArray[np.float32] | None
+
+
 @dataclass(frozen=True, eq=False)
 class ReducedMesh:
     """The reduced mesh of a body, in the body's frame B; its faces are called shown faces.
@@ -250,19 +277,18 @@ class ReducedMesh:
     Attributes:
         vertices_m: (V, 3) float32 [m].
         faces: (S, 3) int32.
-        shown_of: (M,) int32, the shown face that represents each face of the full mesh.
-        lent: (k, 2) int32, shown faces that represent no face, and the face of the full mesh whose colour each takes.
-        under: (N,) int32, the shown face below or above each vertex of the full mesh; −1 if it does not exist.
-        raised_m: (N, 3) float32, vertices of the full mesh raised above the shown faces [m]; None if the mesh is not
-            reduced.
+        whole: whether it is the full mesh, not reduced.
     """
 
     vertices_m: NDArray[np.float32]
     faces: NDArray[np.int32]
-    shown_of: NDArray[np.int32]
-    lent: NDArray[np.int32]
-    under: NDArray[np.int32]
-    raised_m: NDArray[np.float32] | None
+    whole: bool
+    _shape: PaintableMesh
+
+    @cached_property
+    def overlay(self) -> Overlay:
+        """Correspondence with the full mesh, computed at first use: an unpainted mesh is shown without it."""
+        return _compared(self._shape, self)
 
 
 class Display:
@@ -285,6 +311,11 @@ class Display:
         self._known: dict[int, tuple[Body, ReducedMesh, ShownBody]] = {}  # by id of the body
         self.bodies: list[ShownBody] = []
         self.compose()
+
+    def prepare_strokes(self) -> None:
+        """Compute in advance what the first stroke needs. Thread-safe; takes seconds for a large mesh."""
+        for body in self.bodies:
+            body.prepare()
 
     def prepare(self, meshes: Sequence[Mesh]) -> None:
         """Reduce the meshes of bodies that are about to be added. Thread-safe; takes seconds for a large mesh."""
@@ -354,24 +385,37 @@ class ShownBody:
         self._shape = shape
         self._face_swatch = body.face_swatch
         self._drawn = body.face_swatch.copy()
-        # the lower bound lets faces without area still take part in the choice of a swatch
-        self._area_m2 = np.maximum(area_of(shape.corner_m), np.finfo(np.float64).tiny)
-        self._full = np.argsort(mesh.shown_of, kind="stable")
-        count = np.bincount(mesh.shown_of, minlength=len(mesh.faces))
-        self._start = np.concatenate([[0], np.cumsum(count)])
         middle_m = mesh.vertices_m[mesh.faces].mean(axis=1)
         self.chunk = _chunk_of(middle_m)
         self.chunk_count = int(self.chunk.max()) + 1
-        self.swatch = np.zeros(len(mesh.faces), np.int16)
-        self._assign_swatches(np.arange(len(mesh.faces)))
+        self.swatch = np.full(len(mesh.faces), self._drawn[0], np.int16)
+        painted = bool((self._drawn != self._drawn[0]).any())
+        if painted:
+            self._assign_swatches(np.arange(len(mesh.faces)))
         self.file_colours = FileColours.of(body.mesh)
-        self.textured = mesh.raised_m is None and any(material.textures for material in body.mesh.materials)
+        self.textured = mesh.whole and any(material.textures for material in body.mesh.materials)
         self._tint = np.zeros(len(self._drawn), np.uint8) if self.file_colours is None else self.file_colours.tint
-        self._shown_tint = self._tint if mesh.raised_m is None else self._tint[self._first_full()]
-        group = _chunk_of(middle_m, len(mesh.faces) // PATCHES + 1)[mesh.shown_of]
-        self._subfaces = ShownSubfaces(body, self._area_m2, group)
+        single = mesh.whole or self.file_colours is None
+        self._shown_tint = self._tint[: len(mesh.faces)] if single else self._tint[self._first_full()]
+
+        def group() -> NDArray[np.int32]:
+            return _chunk_of(middle_m, len(mesh.faces) // PATCHES + 1)[mesh.overlay.shown_of]
+
+        self._subfaces = ShownSubfaces(body, shape, group)
         self._subfaces.update(np.arange(len(self._drawn)))
-        self._over = self._drawn_whole()
+        self._over = self._drawn_whole() if painted else np.zeros(len(self._drawn), np.bool_)
+
+    @cached_property
+    def _represented(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Faces of the full mesh (M,), sorted by the shown face that represents them, and where each begins (S + 1,)."""
+        shown_of = self.mesh.overlay.shown_of
+        count = np.bincount(shown_of, minlength=len(self.mesh.faces))
+        return np.argsort(shown_of, kind="stable"), np.concatenate([[0], np.cumsum(count)])
+
+    def prepare(self) -> None:
+        """Compute in advance what the first stroke needs: it takes seconds for a large mesh. Thread-safe."""
+        self._shape.prepare()
+        _ = self._represented, self._subfaces._group, self._subfaces._bits
 
     def look_mesh(self) -> Mesh:
         """The mesh with its materials, sunk by `RAISED`, so that the painted layers lie over it."""
@@ -390,16 +434,16 @@ class ShownBody:
         if not len(faces) and not len(turned):
             return patches
         self._drawn[faces] = self._face_swatch[faces]
-        lent = self.mesh.lent
+        lent, shown_of = self.mesh.overlay.lent, self.mesh.overlay.shown_of
         borrowers = lent[np.isin(lent[:, 1], faces), 0]
-        shown = np.unique(np.concatenate([self.mesh.shown_of[faces], borrowers]))
+        shown = np.unique(np.concatenate([shown_of[faces], borrowers]))
         before, over = self.swatch[shown], self._over
         self._assign_swatches(shown)
         self._over = self._drawn_whole()
         other = np.concatenate([np.flatnonzero(over != self._over), faces[self._over[faces]]])
-        if self.mesh.raised_m is None:
+        if self.mesh.whole:
             other = turned
-        changed = np.concatenate([shown[before != self.swatch[shown]], self.mesh.shown_of[other]])
+        changed = np.concatenate([shown[before != self.swatch[shown]], shown_of[other]])
         return np.unique(np.concatenate([patches, self.chunk[changed]])).astype(np.int64)
 
     def layers(self, chunk: int) -> list[Layer]:
@@ -407,10 +451,11 @@ class ShownBody:
         if not 0 <= chunk < self.chunk_count:
             return self._subface_layers(chunk)
         inside = np.flatnonzero(self.chunk == chunk)
-        if self.mesh.raised_m is None:  # a subdivided face is drawn by its subfaces
+        if self.mesh.whole:  # a subdivided face is drawn by its subfaces
             inside = inside[~self._subfaces.has[inside]]
         over = np.flatnonzero(self._over)
-        over = over[self.chunk[self.mesh.shown_of[over]] == chunk]
+        if len(over):
+            over = over[self.chunk[self.mesh.overlay.shown_of[over]] == chunk]
         over = over if len(over) <= CHUNK else over[:0]
         kind = _kind(self.swatch[inside], self._shown_tint[inside])
         kind_over = _kind(self._drawn[over], self._tint[over])
@@ -418,8 +463,8 @@ class ShownBody:
         for one in np.unique(np.concatenate([kind, kind_over])):
             shown, fine = inside[kind == one], over[kind_over == one]
             vertices_m, faces = _used(self.mesh.vertices_m, self.mesh.faces[shown])
-            if len(fine) and self.mesh.raised_m is not None:
-                raised_m, raised = _used(self.mesh.raised_m, self._shape.mesh.faces[fine])
+            if len(fine):
+                raised_m, raised = _used(self.mesh.overlay.raised_m, self._shape.mesh.faces[fine])
                 faces = np.concatenate([faces, raised + len(vertices_m)])
                 vertices_m = np.concatenate([vertices_m, raised_m])
             found.append(Layer(*_of_kind(one), vertices_m, faces.astype(np.uint32), shown, fine))
@@ -427,7 +472,7 @@ class ShownBody:
 
     def _subface_layers(self, patch: int) -> list[Layer]:
         subfaces, mesh = self._subfaces.of_patch(patch), self._shape.mesh
-        vertices_m = mesh.vertices_m if self.mesh.raised_m is None else self.mesh.raised_m
+        vertices_m = mesh.vertices_m if self.mesh.whole else self.mesh.overlay.raised_m
         corner_m = subface_triangles(subfaces, vertices_m[mesh.faces[subfaces.face]], OVERLAP * mesh.diagonal_m)
         kind, found = _kind(_fewer_weights(subfaces.paint), self._tint[subfaces.face]), []
         for one in np.unique(kind):
@@ -439,15 +484,17 @@ class ShownBody:
 
     def _first_full(self) -> NDArray[np.int64]:
         """Return the face (S,) of the full mesh that determines the tint of each displayed face."""
-        first = self._full[np.minimum(self._start[:-1], len(self._full) - 1)]
-        first[self.mesh.lent[:, 0]] = self.mesh.lent[:, 1]
+        full, start = self._represented
+        first, lent = full[np.minimum(start[:-1], len(full) - 1)], self.mesh.overlay.lent
+        first[lent[:, 0]] = lent[:, 1]
         return np.asarray(first)
 
     def _drawn_whole(self) -> NDArray[np.bool_]:
         """Whether each face (M,) of the full mesh is drawn: at borders, and where the shown face has another swatch."""
-        mesh, wrong = self.mesh, np.zeros(len(self._drawn), np.bool_)
-        if mesh.raised_m is not None:
-            args = self._face_swatch, self.swatch, mesh.shown_of, mesh.under, self._shape.mesh.faces, self._shape.pairs
+        shape, wrong = self._shape, np.zeros(len(self._drawn), np.bool_)
+        if not self.mesh.whole:
+            overlay = self.mesh.overlay
+            args = self._face_swatch, self.swatch, overlay.shown_of, overlay.under, shape.mesh.faces, shape.pairs
             mark_wrong(*args, wrong, np.zeros_like(wrong))
             wrong &= ~self._subfaces.has
         return wrong
@@ -457,15 +504,16 @@ class ShownBody:
 
         If two areas are equal, the swatch with the lower index is used.
         """
-        length = self._start[shown + 1] - self._start[shown]
+        every, start = self._represented
+        length = start[shown + 1] - start[shown]
         row = np.repeat(np.arange(len(shown)), length)
         within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-        full = self._full[np.repeat(self._start[shown], length) + within]
+        full = every[np.repeat(start[shown], length) + within]
         kinds, kind = np.unique(self._face_swatch[full], return_inverse=True)
-        area = np.bincount(row * len(kinds) + kind, self._area_m2[full], minlength=len(shown) * len(kinds))
+        area = np.bincount(row * len(kinds) + kind, self._shape.area_m2[full], minlength=len(shown) * len(kinds))
         if len(kinds):
             self.swatch[shown] = kinds[np.argmax(area.reshape(len(shown), -1), axis=1)]
-        lent = self.mesh.lent
+        lent = self.mesh.overlay.lent
         mine = np.isin(lent[:, 0], shown)
         self.swatch[lent[mine, 0]] = self._face_swatch[lent[mine, 1]]
 
@@ -569,8 +617,7 @@ def reduce_mesh(shape: PaintableMesh, count: int) -> ReducedMesh:
     """
     mesh = shape.mesh
     if len(mesh.faces) <= count:
-        every, none = np.arange(len(mesh.faces), dtype=np.int32), np.zeros(0, np.int32)
-        return ReducedMesh(mesh.vertices_m.astype(np.float32), mesh.faces, every, none.reshape(0, 2), none, None)
+        return ReducedMesh(mesh.vertices_m.astype(np.float32), mesh.faces, True, shape)
     corners = shape.welded[mesh.faces]
     used = np.zeros(len(mesh.vertices_m), np.bool_)
     used[corners] = True
@@ -587,7 +634,7 @@ def reduce_mesh(shape: PaintableMesh, count: int) -> ReducedMesh:
         found = _collapsed(*left, count)
     if found is None or len(found[1]) > EXCESS * count:
         found = _clustered(vertices_m, faces, shape.normal, count)
-    return ReducedMesh(found[0].astype(np.float32), found[1], *_compared(shape, *found))
+    return ReducedMesh(found[0].astype(np.float32), found[1], False, shape)
 
 
 def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Faces]:
@@ -662,24 +709,28 @@ def _around(faces: NDArray[np.integer], normal: NDArray[np.float64], count: int)
     return np.stack([np.bincount(corners, np.repeat(normal[:, k], 3), count) for k in range(3)], axis=1)
 
 
-def _compared(
-    shape: PaintableMesh, vertices_m: Places, faces: Faces
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """`ReducedMesh.shown_of`, `lent`, `under` and `raised_m` of a mesh and its reduced mesh."""
-    mesh = shape.mesh
+def _compared(shape: PaintableMesh, reduced: ReducedMesh) -> Overlay:
+    """Correspondence of a mesh and its reduced mesh."""
+    mesh, vertices_m, faces = shape.mesh, reduced.vertices_m.astype(np.float64), reduced.faces
+    if reduced.whole:
+        every, none = np.arange(len(faces), dtype=np.int32), np.zeros(0, np.int32)
+        return Overlay(every, none.reshape(0, 2), none, reduced.vertices_m)
     corner = vertices_m[faces]
     normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
     search = Search(vertices_m, faces, 0.0)
     shown_of, over_face_m = _under(search, normal, shape.centroid_m, shape.normal, NEAR * mesh.diagonal_m)
     shown_of, lent = _stand_for(shape, corner, normal, shown_of)
-    place = shape.welded
-    up = unit(_around(place[mesh.faces], shape.normal, len(place)))[place]
-    under, above_m = _under(search, normal, mesh.vertices_m, up, NEAR * mesh.diagonal_m)
+    is_first = shape.welded == np.arange(len(shape.welded))  # vertices at the same position are compared once
+    first, place = np.flatnonzero(is_first), (np.cumsum(is_first) - 1)[shape.welded]
+    corners = place[mesh.faces]
+    up = unit(_around(corners, shape.normal, len(first)))
+    under, above_m = _under(search, normal, mesh.vertices_m[first], up, NEAR * mesh.diagonal_m)
     lift_m = np.maximum(above_m, 0.0)
-    for corners in place[mesh.faces].T:
-        np.maximum.at(lift_m, corners, over_face_m)
-    lift_m = lift_m[place] + RAISED * mesh.diagonal_m
-    return shown_of, lent, under, (mesh.vertices_m + lift_m[:, None] * up).astype(np.float32)
+    for column in corners.T:
+        np.maximum.at(lift_m, column, over_face_m)
+    lift_m += RAISED * mesh.diagonal_m
+    raised_m = mesh.vertices_m + (lift_m[:, None] * up)[place]
+    return Overlay(shown_of, lent, under[place], raised_m.astype(np.float32))
 
 
 def _under(
@@ -694,7 +745,7 @@ def _under(
 def _stand_for(
     shape: PaintableMesh, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Replace −1 in `shown_of` (M,) by the face nearest in position and normal; compute `ReducedMesh.lent`."""
+    """Replace −1 in `shown_of` (M,) by the face nearest in position and normal; compute `Overlay.lent`."""
     edge_m = float(np.median(np.linalg.norm(corner_m[:, 1] - corner_m[:, 0], axis=1)))
     scale_m = NORMAL_EDGES / 2 * edge_m  # opposite unit normals are 2 apart
     shown = np.hstack([corner_m.mean(axis=1), scale_m * normal])

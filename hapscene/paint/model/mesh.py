@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from hapscene.contact.embree import Search, first_face, fronts_only, new_ray
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Region, Tube
-from hapscene.scene.topology import connected, edges_of, normals_of, weld
+from hapscene.scene.topology import area_of, connected, edges_of, normals_of, weld
 
 __all__ = ["FACING_RAD", "Hit", "PaintableMesh", "pick", "project_to_surface"]
 
@@ -39,16 +40,14 @@ class PaintableMesh:
         centroid_m: (M, 3) centroids of the faces [m].
         normal: (M, 3) unit normals; zero for a face without area.
         welded: (N,) int64, first vertex at the position of each vertex: see `hapscene.scene.topology.weld`.
-        pairs: (n, 2) int64, the two faces of every edge with exactly two faces.
         reach_m: (M,) largest distance of a corner from the centroid of each face [m].
-        search: Embree search structure of the mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.corner_m = np.ascontiguousarray(mesh.triangles_m)
         lane = ThreadPoolExecutor(1)  # Embree builds in parallel with the rest
-        search = lane.submit(Search, mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
+        self._search = lane.submit(Search, mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
         lane.shutdown(wait=False)
         self.centroid_m = (self.corner_m[:, 0] + self.corner_m[:, 1] + self.corner_m[:, 2]) / 3
         self.normal = normals_of(self.corner_m)
@@ -57,9 +56,24 @@ class PaintableMesh:
         self.reach_m = np.linalg.norm(self.corner_m - self.centroid_m[:, None], axis=2).max(axis=1)
         self._usual_m = 4.0 * float(np.median(self.reach_m))
         self._large = np.flatnonzero(self.reach_m > self._usual_m)  # tested one by one, so that balls stay small
-        self._tree = cKDTree(self.centroid_m, compact_nodes=False, balanced_tree=False)  # four times faster to build
-        self.pairs, self._bend_rad = self._edges()
-        self.search = search.result()
+
+    @property
+    def search(self) -> Search:
+        """Embree search structure of the mesh."""
+        return self._search.result()
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.centroid_m, compact_nodes=False, balanced_tree=False)  # four times faster to build
+
+    @cached_property
+    def area_m2(self) -> Row:
+        """Areas (M,) of the faces, above 0 so that faces without area take part in choices by area [m²]."""
+        return np.maximum(area_of(self.corner_m), np.finfo(np.float64).tiny)
+
+    def prepare(self) -> None:
+        """Compute what brush and fill need, instead of at their first use. Thread-safe."""
+        _ = self.search, self._tree, self._edges, self.area_m2
 
     def pick(self, origin_B_m: Row, direction_B: Row, fronts: bool = False) -> tuple[int, float, Row] | None:
         """The first face along a ray from a point (3,) [m], its distance [m] and the hit point (3,); None if none.
@@ -114,9 +128,16 @@ class PaintableMesh:
 
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
         """Mask (M,) of the faces connected with a face over edges that bend by at most an angle."""
-        label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
+        pairs, bend_rad = self._edges
+        label = connected(pairs[bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
         return np.asarray(label == label[face])
 
+    @property
+    def pairs(self) -> NDArray[np.int64]:
+        """(n, 2), the two faces of every edge with exactly two faces."""
+        return self._edges[0]
+
+    @cached_property
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """The two faces (n, 2) of each edge with exactly two faces, and the angle between their normals (n,) [rad]."""
         pairs, same_winding = edges_of(self.mesh.faces, self.welded).pairs()

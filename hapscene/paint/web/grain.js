@@ -37,13 +37,15 @@ export function* bodyMeshes() {
   }
 }
 
-// Returns a function to call before each frame, with the state of the grains and the uniforms of the stamp.
+// Returns a function to call before each frame, with the state of the grains and the uniforms of the stamp; it returns
+// whether there are bodies.
 export function newGrain() {
   const known = new WeakMap();  // uniforms by material
   return ({ tiles = {}, gains = {} } = {}, stamp) => {
     const viewer = window.__viserMutable;
-    let changed = false;
+    let drawn = false, changed = false;
     for (const [{ material }, body, swatch] of bodyMeshes()) {
+      drawn = true;
       let uniforms = known.get(material);
       if (!uniforms) {
         uniforms = { grainPicture: { value: null }, grainTile: { value: 0 }, grainGain: { value: 1 }, ...stamp(body) };
@@ -60,6 +62,7 @@ export function newGrain() {
       uniforms.grainGain.value = gains[swatch] ?? 1;
     }
     if (changed) viewer.requestRender?.();
+    return drawn;
   };
 }
 

@@ -82,10 +82,12 @@ class Monitor:
         self.status = ""
         self._loudness = Loudness()
 
+    async def prepare(self) -> None:
+        """Import the synthesis: the first sound of a swatch takes long, later ones 3 ms."""
+        await asyncio.to_thread(lambda: swatch_sound(load_swatch("wood")).loudness_gain)
+
     async def run(self) -> None:
         """Show and stream the touch until cancelled."""
-        # the first call imports the synthesis; later ones take 3 ms
-        await asyncio.to_thread(lambda: swatch_sound(load_swatch("wood")).loudness_gain)
         while True:
             await asyncio.sleep(MONITOR_S)
             self.update(time.monotonic())

@@ -408,7 +408,14 @@ function start() {
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });
   setInterval(fit, 300);
   const grain = newGrain();
-  (function frame() { drawLess(); grain(state.grain, stamp.uniforms); trace.draw(); requestAnimationFrame(frame); })();
+  let shown = false;
+  (function frame() {
+    drawLess();
+    const drawn = grain(state.grain, stamp.uniforms);
+    trace.draw();
+    if (drawn && state.tool && !shown) { shown = true; requestAnimationFrame(() => send({ do: "shown" })); }
+    requestAnimationFrame(frame);
+  })();
 }
 start();
 window.hapscene = { get state() { return state; }, sound, trace, client, send, stamp };

@@ -53,6 +53,10 @@ SHOWN_S: Final = 10.0
 """Longest time for which the start of the hand waits for a page that shows the scene [s]."""
 
 
+OPENING: Final = ("hello", "theme", "frame")
+"""Messages that a page sends before it shows the scene."""
+
+
 class ClientPanels(NamedTuple):
     """What the page shows in one browser only."""
 
@@ -119,7 +123,6 @@ class Page:
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
-        self._page_shown = asyncio.Event()
         self.clients: dict[int, ClientPanels] = {}
         self._parted: list[Tools] = []  # of browsers that have disconnected: a reloaded page gets them back
         self.context = PageContext(
@@ -128,6 +131,7 @@ class Page:
             view=SceneView(self.server, session.painting, Display(session.painting)),
             touch=self._touch,
             socket=self._socket,
+            shown=asyncio.Event(),
             refresh=self.refresh,
             finish=self._finish,
         )
@@ -158,15 +162,20 @@ class Page:
 
     def __enter__(self) -> "Page":
         self._start(self._monitor.run())
-        if self._with_hand:
-            self._touch.status = "starting"
-            self._start(self._open_hand())
+        self._touch.status = "starting" if self._with_hand else self._touch.status
+        self._start(self._prepare())
         return self
 
-    async def _open_hand(self) -> None:
+    async def _prepare(self) -> None:
+        """Do what can wait until a page shows the scene: on few cores it would delay the page."""
+        shown = self.context.shown
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._page_shown.wait(), SHOWN_S)
-        await self.context.touch.open(self.context.session.painting.snapshot())
+            await asyncio.wait_for(shown.wait(), SHOWN_S)
+        shown.set()
+        await asyncio.to_thread(self.context.view.display.prepare_strokes)
+        await self._monitor.prepare()
+        if self._with_hand:
+            await self.context.touch.open(self.context.session.painting.snapshot())
 
     def _start(self, task: Coroutine[object, object, None]) -> "Future[None]":
         """Run a task in the event loop until the page closes."""
@@ -226,7 +235,8 @@ class Page:
         panels = self.clients.get(client_of(message))
         if panels is None:
             return
-        self._page_shown.set()  # pages send their first message when their panel is drawn
+        if message["do"] not in OPENING:
+            self.context.shown.set()
         try:
             if await self._follow_pointer(message, panels.context.tools):
                 return

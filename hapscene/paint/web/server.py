@@ -59,13 +59,15 @@ if (known && known !== location.pathname) location.replace(known);
 MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 
 HEAD: Final = b"""<link rel="stylesheet" href="/hapscene.css"><script>
-const real = matchMedia.bind(window);
+const real = matchMedia.bind(window), load = fetch.bind(window);
 window.matchMedia = (query) => real(query === "(max-width: 36em)" ? "(max-width: 760px)" : query);
+window.fetch = (what, options) => String(what.url ?? what).startsWith("data:image/jpeg") ? new Promise(() => {}) : load(what, options);
 </script><script src="/hapscene.js" type="module"></script>
 <link rel="stylesheet" href="/hapscene-swatch_library.css">
 <script src="/hapscene-swatch_library.js" type="module"></script>
 <script src="/hapscene-upload.js" type="module"></script><script src="/hapscene-body_tree.js" type="module"></script>"""
-"""Inserted into viser's page. The script widens the window size up to which viser shows the panel below the view."""
+"""Inserted into viser's page. The script widens the window size up to which viser shows the panel below the view, and
+keeps viser from decoding its default environment map, which the scene does not use."""
 
 TOKEN_BYTES: Final = 16
 """Length of the token [bytes]."""

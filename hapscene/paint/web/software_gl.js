@@ -48,9 +48,10 @@ export function limitSoftwareGl() {
   let done = false;
   return () => {
     const viewer = window.__viserMutable, settings = window.__viserTestpoints?.devSettings;
-    const invalidate = viewer?.scene?.__r3f?.root?.getState().invalidate;
-    if (done || !settings || !invalidate) return;
+    const root = viewer?.scene?.__r3f?.root?.getState();
+    if (done || !settings || !root?.invalidate) return;
     done = true;
-    limitFrames(viewer, settings, invalidate);
+    root.gl.debug.checkShaderErrors = false;  // would wait until a shader is compiled
+    limitFrames(viewer, settings, root.invalidate);
   };
 }
