@@ -407,7 +407,7 @@ class ShownBody:
 
     @cached_property
     def _represented(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Faces of the full mesh (M,), sorted by the shown face that represents them, and where each begins (S + 1,)."""
+        """Faces of the full mesh (M,) in the order of the shown faces that represent them; starts of those (S + 1,)."""
         shown_of = self.mesh.overlay.shown_of
         count = np.bincount(shown_of, minlength=len(self.mesh.faces))
         return np.argsort(shown_of, kind="stable"), np.concatenate([[0], np.cumsum(count)])

@@ -46,16 +46,17 @@ class PaintableMesh:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.corner_m = np.ascontiguousarray(mesh.triangles_m)
-        lane = ThreadPoolExecutor(1)  # Embree builds in parallel with the rest
-        self._search = lane.submit(Search, mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
-        lane.shutdown(wait=False)
+        lanes = ThreadPoolExecutor(2)  # in parallel with the rest
+        welded = lanes.submit(weld, mesh.vertices_m)
+        self._search = lanes.submit(Search, mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
+        lanes.shutdown(wait=False)
         self.centroid_m = (self.corner_m[:, 0] + self.corner_m[:, 1] + self.corner_m[:, 2]) / 3
         self.normal = normals_of(self.corner_m)
         self._ray, self._fronts = new_ray(), fronts_only()
-        self.welded = weld(mesh.vertices_m)
         self.reach_m = np.linalg.norm(self.corner_m - self.centroid_m[:, None], axis=2).max(axis=1)
         self._usual_m = 4.0 * float(np.median(self.reach_m))
         self._large = np.flatnonzero(self.reach_m > self._usual_m)  # tested one by one, so that balls stay small
+        self.welded = welded.result()
 
     @property
     def search(self) -> Search:

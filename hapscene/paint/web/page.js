@@ -37,7 +37,7 @@ const forFingers = (text) => TOUCH_SCREEN ? text.replace("Shift + drag", "Draw o
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const themed = { get dark() { const kept = localStorage.getItem("hapscene-dark"); return kept === null ? DARK.matches : kept === "true"; } };
 const BUSY = { undo: "Undoing", redo: "Redoing", save: "Saving the scene", down: "Working on the surface", up: "Painting", body: "Changing the bodies", library: "Reading the swatch" };
-const BUSY_MS = 300, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
+const BUSY_MS = 300, DRAWN_MS = 150, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
 const POINTER = new Set(["hover", "down", "move", "up", "leave"]);
 const stamp = newStamp();
 const make = (tag, attributes = {}, ...inside) => {
@@ -385,6 +385,12 @@ function blurBehindDialog() {  // otherwise text would be typed into a field beh
 }
 
 window.addEventListener("pointerdown", () => sound.wake());
+function whenDrawn(act) {  // when all that was requested so far is on the screen
+  const gl = canvas().getContext("webgl2"), fence = gl?.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+  const look = () => (fence && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED ? setTimeout(look, 20) : act());
+  gl?.flush();
+  look();
+}
 function start() {
   document.body.append(root, keyList);
   hint.hidden = innerWidth < 760;
@@ -413,7 +419,7 @@ function start() {
     drawLess();
     const drawn = grain(state.grain, stamp.uniforms);
     trace.draw();
-    if (drawn && state.tool && !shown) { shown = true; requestAnimationFrame(() => send({ do: "shown" })); }
+    if (drawn && state.tool && !shown) { shown = true; setTimeout(whenDrawn, DRAWN_MS, () => send({ do: "shown" })); }
     requestAnimationFrame(frame);
   })();
 }
