@@ -58,7 +58,7 @@ class PaintableMesh:
         self._large = np.flatnonzero(self.reach_m > self._usual_m)  # tested one by one, so that balls stay small
         self.welded = welded.result()
 
-    @property
+    @cached_property
     def search(self) -> Search:
         """Embree search structure of the mesh."""
         return self._search.result()

@@ -3,7 +3,6 @@
 `PageContext` is common to all browsers; `ClientContext` adds what each browser has of its own.
 """
 
-import asyncio
 import html
 import inspect
 import math
@@ -47,7 +46,7 @@ class PageContext:
     Attributes:
         server: viser server.
         session, view, touch, socket: one object each.
-        shown: set when a page shows the scene; work that can wait begins then.
+        until_idle: waits until a page shows the scene and nobody paints: work that can wait begins then.
         refresh: updates the page; call it after each operation that may have changed the scene.
         finish: ends the operations of all pointers.
         previews: pictures of swatches as data URLs, by everything that they depend on.
@@ -59,7 +58,7 @@ class PageContext:
     view: SceneView
     touch: TouchHand
     socket: PageSocket
-    shown: asyncio.Event
+    until_idle: Callable[[], Awaitable[None]]
     refresh: Callable[[], None]
     finish: Callable[[], None]
     previews: dict[tuple[Hashable, ...], str] = field(default_factory=dict)

@@ -6,6 +6,8 @@ swatch, brush and theme.
 """
 
 import asyncio
+import math
+import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
@@ -52,6 +54,9 @@ PORT: Final = 8080
 SHOWN_S: Final = 10.0
 """Longest time for which the start of the hand waits for a page that shows the scene [s]."""
 
+
+REST_S: Final = 1.0
+"""Time without painting after which work that can wait begins [s]: on few cores, it would delay strokes."""
 
 OPENING: Final = ("hello", "theme", "frame")
 """Messages that a page sends before it shows the scene."""
@@ -123,6 +128,7 @@ class Page:
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
+        self._shown, self._pointed_s = asyncio.Event(), -math.inf  # and the last time that a pointer was down
         self.clients: dict[int, ClientPanels] = {}
         self._parted: list[Tools] = []  # of browsers that have disconnected: a reloaded page gets them back
         self.context = PageContext(
@@ -131,7 +137,7 @@ class Page:
             view=SceneView(self.server, session.painting, Display(session.painting)),
             touch=self._touch,
             socket=self._socket,
-            shown=asyncio.Event(),
+            until_idle=self._until_idle,
             refresh=self.refresh,
             finish=self._finish,
         )
@@ -168,14 +174,22 @@ class Page:
 
     async def _prepare(self) -> None:
         """Do what can wait until a page shows the scene: on few cores it would delay the page."""
-        shown = self.context.shown
         with suppress(TimeoutError):
-            await asyncio.wait_for(shown.wait(), SHOWN_S)
-        shown.set()
+            await asyncio.wait_for(self._shown.wait(), SHOWN_S)
+        self._shown.set()
         await asyncio.to_thread(self.context.view.display.prepare_strokes)
+        await self._until_idle()
         await self._monitor.prepare()
         if self._with_hand:
             await self.context.touch.open(self.context.session.painting.snapshot())
+
+    async def _until_idle(self) -> None:
+        """Wait until a page shows the scene, and nobody paints or somebody is about to touch."""
+        await self._shown.wait()
+        while time.monotonic() - self._pointed_s < REST_S and not any(
+            panels.context.tools.name == "touch" for panels in self.clients.values()
+        ):
+            await asyncio.sleep(REST_S / 4)
 
     def _start(self, task: Coroutine[object, object, None]) -> "Future[None]":
         """Run a task in the event loop until the page closes."""
@@ -236,7 +250,7 @@ class Page:
         if panels is None:
             return
         if message["do"] not in OPENING:
-            self.context.shown.set()
+            self._shown.set()
         try:
             if await self._follow_pointer(message, panels.context.tools):
                 return
@@ -255,6 +269,7 @@ class Page:
         follow = {"hover": tools.hover, "down": tools.press, "move": tools.drag, "up": tools.release}.get(do)
         if follow is None:
             return False
+        self._pointed_s = self._pointed_s if do == "hover" else time.monotonic()
         pointer = pointer_of(message)
         if pointer is not None:
             await follow(pointer)

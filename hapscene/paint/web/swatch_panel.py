@@ -139,7 +139,7 @@ class SwatchPanel:
             self._drawing = asyncio.run_coroutine_threadsafe(self._draw(missing, shown), loop)
 
     async def _draw(self, missing: Sequence[tuple[Key, Card]], shown: Sequence[Card]) -> None:
-        await self._context.shown.wait()
+        await self._context.until_idle()
         for key, card in missing[:BALLS_AT_ONCE]:
             self._context.previews[key] = await asyncio.to_thread(_ball, card, key[-1])
         if shown is self._shown_cards:  # a cancellation may come too late to stop the previews of an earlier list
