@@ -267,7 +267,7 @@ class Overlay(NamedTuple):
     shown_of: NDArray[np.int32]
     lent: NDArray[np.int32]
     under: NDArray[np.int32]
-    raised_m: NDArray[np.float32] | None
+    raised_m: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

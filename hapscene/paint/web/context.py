@@ -46,7 +46,7 @@ class PageContext:
     Attributes:
         server: viser server.
         session, view, touch, socket: one object each.
-        until_idle: waits until a page shows the scene and nobody paints: work that can wait begins then.
+        until_idle: waits until a page shows the scene and no stroke was made lately: work that can wait begins then.
         refresh: updates the page; call it after each operation that may have changed the scene.
         finish: ends the operations of all pointers.
         previews: pictures of swatches as data URLs, by everything that they depend on.

@@ -184,7 +184,7 @@ class Page:
             await self.context.touch.open(self.context.session.painting.snapshot())
 
     async def _until_idle(self) -> None:
-        """Wait until a page shows the scene, and nobody paints or somebody is about to touch."""
+        """Wait until a page shows the scene, and no stroke was made lately or the tool Touch is selected."""
         await self._shown.wait()
         while time.monotonic() - self._pointed_s < REST_S and not any(
             panels.context.tools.name == "touch" for panels in self.clients.values()
