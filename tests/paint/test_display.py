@@ -175,3 +175,19 @@ def test_painter_model_does_not_import_the_page() -> None:
     for file in files:
         text = file.read_text(encoding="utf-8")
         assert not re.search(r"^\s*(import|from) (viser|hapscene\.paint\.web)", text, re.MULTILINE), file
+
+
+def test_prepared_strokes_are_drawn_like_those_that_prepare_themselves() -> None:
+    drawn = []
+    for prepared in (False, True):
+        scene = Scene()
+        scene.add(BALL, name="ball")
+        session = Session(scene)
+        painting, wood = session.painting, session.add_swatch("wood")
+        display = Display(painting, shown_max=1000)
+        if prepared:
+            display.prepare_strokes()
+        painting.paint("fill", {0: BALL.triangles_m[:, :, 2].mean(axis=1) > 0.0}, wood)
+        keys = display.update(painting.changes())
+        drawn.append([(key, layer.paint, layer.vertices_m.tolist()) for key in keys for layer in display.layers(key)])
+    assert drawn[0] and drawn[0] == drawn[1]
