@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.entry import Generate, Values
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 
-__all__ = ["BoundCall", "loaded"]
+__all__ = ["BoundCall"]
 
 _intrinsic: Any = intrinsic  # of functions that Python calls
 
@@ -41,11 +41,11 @@ class BoundCall:
         context: argument of the C function.
     """
 
-    def __init__(self, function: Callable[..., None], argument: tuple[object, ...]) -> None:
-        """Bind an argument to `function(address, kind)`, a Python function that gets it with `loaded`."""
+    def __init__(self, function: Callable[[Any], object], argument: tuple[object, ...]) -> None:
+        """Bind an argument to a compiled function of one argument."""
         self._argument = argument
         if INTERPRETED:
-            self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(argument, None))
+            self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(argument))
             self.address, self.context = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0), 0
         else:
             kind = typeof(argument)
@@ -61,23 +61,15 @@ class BoundCall:
         self._call(self.context)
 
 
-if INTERPRETED:
+@_intrinsic
+def _loaded(typing: Context, address: types.Type, kind: types.TypeRef) -> tuple[Signature, Generate]:
+    """Return the argument of a type that `_store` has stored."""
+    value = kind.instance_type
 
-    def loaded(address: Any, kind: Any) -> Any:
-        """Return the bound argument of a `BoundCall`."""
-        return address
+    def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
+        return builder.load(builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
 
-else:
-
-    @intrinsic
-    def loaded(typing: Context, address: types.Type, kind: types.TypeRef) -> tuple[Signature, Generate]:
-        """Return the bound argument of a `BoundCall`."""
-        value = kind.instance_type
-
-        def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
-            return builder.load(builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
-
-        return value(types.uintp, kind), generate
+    return value(types.uintp, kind), generate
 
 
 @_intrinsic
@@ -91,15 +83,19 @@ def _stored(typing: Context, address: types.Type, value: types.Type) -> tuple[Si
 
 @native
 def _store(address: int, value: object) -> None:
-    """Store an argument for `loaded`."""
+    """Store an argument for `_loaded`."""
     _stored(np.uintp(address), value)
 
 
 @cache
-def _compiled(function: Callable[..., None], kind: types.Type) -> CFunction:
+def _compiled(function: Callable[[Any], object], kind: types.Type) -> CFunction:
     """Compile the function for an argument type."""
+
+    def call(address: Any, kind: Any) -> None:
+        function(_loaded(address, kind))
+
     # a type has no size, so the caller of the C function omits it
-    return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)
+    return CFunction(types.void(types.uintp, types.TypeRef(kind)), call)
 
 
 def _size(kind: types.Type) -> int:

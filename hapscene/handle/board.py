@@ -299,7 +299,7 @@ class LiveBoard(Board):
         self._ahead = min(max(round(ahead_s * self.rate_Hz), 2 * LINE_COUNT), BUFFER - LINE_COUNT)
         self.reads_back = self._ahead + ON_THE_WAY_S * self.rate_Hz < FEEDBACK_DELAY_MAX
         self._latency_s = self._ahead / self.rate_Hz
-        self._live = self._empty = self._closed = False
+        self._live = self._empty = self._closed = self._halted = False
         self._sent = self._played = 0  # samples since the start line
         self._pulled = 0  # samples pulled from the feed so far
         self._answered_s = 0.0  # time of the start line, or of the last data of its run
@@ -410,8 +410,11 @@ class LiveBoard(Board):
             return
         samples = np.zeros(room)
         assert self._feed is not None
-        self._feed.pull(samples)
+        halted, self._halted = self._halted, self._feed.pull(samples)
         self._pulled += room
+        if self._halted and not halted:
+            self._begin()  # the board discards what it has not played yet
+            return
         whole = np.rint(np.clip(samples, -self.ceiling, self.ceiling) / self.columns["force"][1]).astype(int).tolist()
         self._wire.write(_force_lines(self._sent, whole))
         self._sent += room

@@ -20,8 +20,12 @@ FEEDBACK_DELAY_MAX: Final = 400
 class Feed(Protocol):
     """The source of an output's samples: faded in and out, within the output's limits (`live_stream.LiveStream`)."""
 
-    def pull(self, out: Array) -> None:
-        """Fill `out` (n,) with the next samples. Takes microseconds and raises nothing."""
+    def pull(self, out: Array) -> bool:
+        """Fill `out` (n,) with the next samples. Takes microseconds and raises nothing.
+
+        Returns whether the force must end at once, because the application has died or stops it: an output that can
+        discard the samples in its buffer then does so.
+        """
 
     def fade_in(self) -> None:
         """Discard the samples that were pulled, and start again from silence."""

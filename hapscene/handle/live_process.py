@@ -45,7 +45,7 @@ POLL_S: Final = 0.02
 class ChannelSource:
     """The samples of a tool's channel in the servo's shared memory, from now on.
 
-    While the application sends no heartbeat, or requests no force, it returns no samples: the handle fades to silence.
+    While the application sends no heartbeat, or requests no force, there are none: the handle becomes silent.
     """
 
     def __init__(self, channel: Channel, tool: int, clock: Clock = CLOCK) -> None:
@@ -59,13 +59,13 @@ class ChannelSource:
             self._beats, self._beat_s = beats, now_s
         return bool(self._row["stop_force"][0]) or (beats > 0 and now_s - self._beat_s > HEARTBEAT_AGE_S)
 
-    def fetch(self, wanted: int) -> Array:
-        """The samples of the ticks completed since the last call, at most half of the ring buffer."""
+    def fetch(self, wanted: int) -> Array | None:
+        """The samples of the ticks completed since the last call, at most half of the ring buffer; None if the force
+        must end."""
         done = int(self._row["done"][0])
         length = len(self._ring)
-        first = done if self._silent() else max(min(self._taken, done), done - length // 2)
-        self._taken = done
-        return np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
+        first, self._taken = max(min(self._taken, done), done - length // 2), done
+        return None if self._silent() else np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
 
     def close(self) -> None:
         """Release the views of the shared memory."""

@@ -106,7 +106,7 @@ class LiveStream:
 
     def __init__(
         self,
-        fetch: Callable[[int], Array],
+        fetch: Callable[[int], Array | None],
         rate_Hz: float,
         output: HandleOutput,
         *,
@@ -159,12 +159,13 @@ class LiveStream:
         render(s, self._ring, self._table, self._handle, np.zeros(0))
         self.receive_feedback(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
-    def pull(self, out: Array) -> None:
-        """Fill `out` (n,) with the next samples."""
+    def pull(self, out: Array) -> bool:
         s = self._state[0]
         samples = self._fetch(max(0, s.whole + s.half + 2 + math.ceil(len(out) * s.ratio) - s.written))
-        write(s, self._ring, samples[-(ROOM >> 1) :])
+        if samples is not None:
+            write(s, self._ring, samples[-(ROOM >> 1) :])
         render(s, self._ring, self._table, self._handle, out)
+        return samples is None
 
     def receive_feedback(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
         """Pass measurements of samples that were pulled to the compensator, as `Feed`."""

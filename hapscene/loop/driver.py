@@ -7,7 +7,7 @@ A `Loop` holds everything that a tick acts on. `CHANNEL.pace` selects who waits 
     CALLED     the caller waits, reads the device and writes to it between single ticks (drivers in Python)
     SCHEDULED  a thread of the vendor's library calls single ticks
 
-With several devices, the servo keeps the time, and the vendors' threads exchange states and forces by `exchange`.
+With several devices, the servo keeps the time, and the vendors' threads call `remove_stale_force`.
 """
 
 import math
@@ -18,7 +18,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
-from hapscene.compiled.bound_call import BoundCall, loaded
+from hapscene.compiled.bound_call import BoundCall
 from hapscene.compiled.entry import address_of, c_caller, call_flags
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
@@ -46,10 +46,9 @@ __all__ = [
     "Loop",
     "bound",
     "drive",
-    "exchange",
     "new_loop",
+    "remove_stale_force",
     "static_bodies",
-    "wait_at",
 ]
 
 FREE, TIMED, CALLED, SCHEDULED = 0, 1, 2, 3
@@ -160,46 +159,32 @@ def static_bodies(moving: NDArray[np.int64], X_WB: NDArray[np.float64], teleport
     return Bodies(records(0, FRAME), records(0, PREDICTED), moving, none, X_WB, teleported, teleported.reshape(1, -1))
 
 
-def wait_at(address: int, kind: object) -> None:
-    """Call `wait_for_tick`, as a function for `BoundCall` with a `Timer`."""
-    wait_for_tick(loaded(address, kind))
-
-
 class Exchange(NamedTuple):
-    """Argument of `exchange`."""
+    """Argument of `remove_stale_force`."""
 
     channel: Record  # CHANNEL
     state: Record  # DEVICE_STATE
     clock: NDArray[np.int64]
 
 
-def exchange(address: int, kind: object) -> None:
-    """Remove the force of a device if the loop has stopped; a vendor's thread calls this between reading and writing.
-
-    A function for `BoundCall` with an `Exchange`.
-    """
-    _remove_stale_force(loaded(address, kind))
-
-
 @native
-def _remove_stale_force(given: Exchange) -> None:
+def remove_stale_force(given: Exchange) -> None:
+    """Remove the force of a device if the loop has stopped; a vendor's thread calls this between reading and
+    writing."""
     channel, state = given.channel, given.state
     if channel.pause == 1 or now_ns(given.clock) - channel.done_ns > STALL_S * 1e9:
         state.f_D_N[0] = state.f_D_N[1] = state.f_D_N[2] = 0.0
 
 
-def drive_at(address: int, kind: object) -> None:
-    """Call `drive`, as a function for `BoundCall` with the argument that `bound` makes.
-
-    The call goes through an address: inlined here, with a thousand values loaded at once, ticks are 5 % slower.
-    """
-    entry, loop = loaded(address, kind)
-    call_flags(entry, (loop,))
+@inlined
+def _drive_at(given: tuple[int, Loop]) -> None:
+    """Call `drive` through its address: inlined, with a thousand values loaded at once, ticks are 5 % slower."""
+    call_flags(given[0], (given[1],))
 
 
 def bound(loop: Loop) -> BoundCall:
     """Return the driver of a loop as a C function without arguments."""
-    return BoundCall(drive_at, (address_of(drive, loop), loop))
+    return BoundCall(_drive_at, (address_of(drive, loop), loop))
 
 
 @native

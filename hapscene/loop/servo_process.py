@@ -11,6 +11,7 @@ import sys
 import threading
 import traceback
 import warnings
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -45,13 +46,12 @@ from hapscene.loop.driver import (
     Exchange,
     Loop,
     bound,
-    exchange,
     new_loop,
-    wait_at,
+    remove_stale_force,
 )
 from hapscene.loop.session_log import log_of, note_order, settings_of, write_log
 from hapscene.loop.shared_memory import Channel, open_channel, write_text
-from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer
+from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer, wait_for_tick
 from hapscene.records import Records, records
 from hapscene.render.renderer import Renderer
 from hapscene.render.tick import use_fading, use_moving_bodies
@@ -141,16 +141,24 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
 
 def _answer_orders(wire: Pipe, life: Pipe, handler: "OrderHandler") -> None:
     """Answer the orders of the application until "stop", and meanwhile check the devices for errors."""
-    watched, ends = True, [] if os.name == "nt" else [life]  # which the end of the watchdog wakes
+    watch = threading.Thread(target=_await_end, args=(life, weakref.ref(handler)), daemon=True)
+    if os.name != "nt":
+        watch.start()
     while True:
-        while handler.connections and wire not in (ready := ready_among([wire, *ends], WATCH_S)):
-            if life in ready:
-                watched, ends = False, []
-            handler.check_devices(watched)
+        while handler.connections and not wire.poll(WATCH_S):
+            handler.check_devices(watched=os.name == "nt" or watch.is_alive())
         order, arguments = _receive(wire)
         if order == "stop":
             return
         wire.send(handler.answer(order, arguments))
+
+
+def _await_end(life: Pipe, handler: "weakref.ref[OrderHandler]") -> None:
+    """Remove the force when the watchdog ends, in a thread with real-time priority: others may take long to run."""
+    request_realtime_priority()
+    ready_among([life])
+    if found := handler():
+        found.stop_force()
 
 
 def _end(signum: int, frame: object) -> None:
@@ -363,6 +371,10 @@ class OrderHandler:
             self._start_loop()
         self._channel.channel.stop_force = 0
 
+    def stop_force(self) -> None:
+        """Reduce the force to zero, and keep it there until the loop starts again."""
+        self._channel.channel.stop_force = 1
+
     def check_devices(self, watched: bool = True) -> None:
         """Report errors of the devices and the end of the watchdog to the application, and write the log if one
         occurred."""
@@ -541,10 +553,10 @@ class OrderHandler:
             self._stop = partial(self._end_loop, lambda: None)
             return
         exchanges = [Exchange(self._channel.channel[0], vendor.state[0], self._clock) for vendor in self._vendors]
-        self._calls = [BoundCall(exchange, given) for given in exchanges]
+        self._calls = [BoundCall(remove_stale_force, given) for given in exchanges]
         for vendor, call in zip(self._vendors, self._calls, strict=True):
             vendor.schedule(call.address, call.context)
-        self._channel.channel.pause = self._channel.channel.waiting = 0
+        self._channel.channel.pause, self._channel.channel.waiting = 0, BLOCKING  # until the first tick is due
         if self._clock[VIRTUAL]:
             self._ticks = self._device_loop()
             self._stop = partial(self._end_loop, partial(deque, self._ticks, 0))
@@ -567,14 +579,16 @@ class OrderHandler:
         if self._channel.channel[0].pace == CALLED:
             deque(self._device_loop(), 0)
         else:
-            self._bind()[0]()
+            drive = self._bind()[0]
+            self._channel.channel.waiting = 0
+            drive()
             self._stop_forces()
 
     def _device_loop(self) -> Iterator[None]:
         """Read, tick and write devices that Python drives; one tick each time the iterator advances."""
         tick, wait = self._bind()
         pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
-        connections = self._own_connections()
+        connections, waiting[0] = self._own_connections(), 0
         try:
             while pause[0] == 0:
                 wait()
@@ -607,7 +621,7 @@ class OrderHandler:
     def _bind(self) -> tuple[BoundCall, BoundCall]:
         """Bind the compiled driver and the wait for a tick to the present arrays; the first tick is one period away."""
         loop = self._loop()
-        calls = bound(loop), BoundCall(wait_at, loop.timer)
+        calls = bound(loop), BoundCall(wait_for_tick, loop.timer)
         start_timer(loop.timer)  # last, because binding takes some ms, which would delay the first ticks
         if self._stopped_ns:  # ticks that an order has cost count as missed
             loop.timer.channel.missed += (loop.timer.timing.began_ns - self._stopped_ns) // loop.timer.tick_ns - 1

@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.compiled.bound_call import loaded
 from hapscene.device.driver import Driver, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.sim.point import PointMass
@@ -39,14 +38,6 @@ CHUNK: Final = 62
 """Bytes of firmware in one transfer. The device echoes each transfer."""
 
 
-def _read_at(address: Any, kind: Any) -> None:
-    read_board(loaded(address, kind))
-
-
-def _write_at(address: Any, kind: Any) -> None:
-    write_board(loaded(address, kind))
-
-
 class FalconConnection(UsbConnection):
     """An open Falcon that runs its firmware. It answers each packet by one packet."""
 
@@ -54,7 +45,7 @@ class FalconConnection(UsbConnection):
 
     def __init__(self, firmware: str | None = None, backend: str | None = None) -> None:
         usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
-        super().__init__(usb, records(1, BOARD)[0], _read_at, _write_at)
+        super().__init__(usb, records(1, BOARD)[0], read_board, write_board)
         self._board.p, self._board.theta = (0.0, 0.0, MIDDLE_M), (ZERO_RAD, ZERO_RAD, ZERO_RAD)
         try:
             self._set(RUN)
@@ -74,13 +65,13 @@ class FalconConnection(UsbConnection):
 
     def _answers(self) -> bool:
         """Whether the device runs its firmware. If so, transfers for compiled code have started."""
-        self._transfers = self._usb.transfers((IN, OUT))
+        self._submit((IN, OUT))
         for _ in range(20):
             self._board.silent_ns = 0
             self.write()
             for _ in range(10):
                 CLOCK.sleep_s(1e-3)
-                self.calls()[0]()
+                self._calls()[0]()
                 self.check()
                 if self.state.count[0] > 0:
                     return True

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from hapscene.clock import now_ns
 from hapscene.compiled.native import native
 from hapscene.device.response_timeout import GONE_S
+from hapscene_plugins.devices.compiled_connection import SILENCE, note_poll
 from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, MIDDLE_M, ZERO_RAD, forward, motor_units
-from hapscene_plugins.devices.silence import SILENCE, note_poll
 from hapscene_plugins.devices.usb_transfers import PACKETS_MAX, UsbLine, clip, discard, receive, send
 
 HOMING, GREEN, RED = 1, 2, 8

@@ -13,15 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.clock import new_clock, now_ns
-from hapscene.compiled.bound_call import BoundCall, loaded
-from hapscene.device.driver import Connection, Driver, Option
+from hapscene.compiled.bound_call import BoundCall
+from hapscene.device.driver import Driver, Option
 from hapscene.device.model import Device, Limits
-from hapscene.device.response_timeout import GONE_S, no_answer
 from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, find_ports
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.records import records
+from hapscene_plugins.devices.compiled_connection import CompiledConnection
 from hapscene_plugins.devices.haply2diy_board import (
     BOARD,
     HARDWARE,
@@ -38,24 +37,16 @@ BAUD: Final = 115_200
 HOME: Final = "move both arms to their marks"
 
 
-def _read_at(address: Any, kind: Any) -> None:
-    read_board(loaded(address, kind))
-
-
-def _write_at(address: Any, kind: Any) -> None:
-    write_board(loaded(address, kind))
-
-
-class Haply2diyConnection(Connection):
+class Haply2diyConnection(CompiledConnection):
     """An open 2DIY. Each tick sends torques and receives the angles of the arms."""
 
+    _remedy = "check that it is the board of a 2DIY"
+
     def __init__(self, port: str | None = None, hardware: str = "v3", homed: bool = False) -> None:
-        super().__init__()
-        self._hardware, self._board = HARDWARE[hardware], records(1, BOARD)[0]
+        self._port = SerialPort("haply2diy", port, BAUD)
+        super().__init__(records(1, BOARD)[0], read_board, write_board)
+        self._name, self._hardware = self._port.name, HARDWARE[hardware]
         self._board.base_m, self._board.homed = self._hardware.base_m, int(homed)
-        self._port, self._clock = SerialPort("haply2diy", port, BAUD), new_clock()
-        self._bound: tuple[Any, tuple[BoundCall, BoundCall]] | None = None
-        self._board.polled_ns = now_ns(self._clock)
         try:
             self._set_up()
         except BaseException:
@@ -65,36 +56,30 @@ class Haply2diyConnection(Connection):
     def _set_up(self) -> None:
         self._port.write(setup_message(self._hardware) + run_message((0.0, 0.0)))
 
+    def _argument(self) -> tuple[Any, ...]:
+        pair, message = np.zeros(2, np.float32), np.frombuffer(run_message((0.0, 0.0)), np.uint8).copy()
+        return Board(self._board, self.state[0], self._port.line, pair, pair.view(np.uint8), message, self._clock)
+
     def home(self) -> None:
         self._board.homed, self._board.known = 1, 0
         self._set_up()
 
-    def calls(self) -> tuple[BoundCall, BoundCall]:
-        if self._bound is None or self._bound[0] is not self.state:  # the servo has moved it
-            pair = np.zeros(2, np.float32)
-            message = np.frombuffer(run_message((0.0, 0.0)), np.uint8).copy()
-            buffers = pair, pair.view(np.uint8), message, self._clock
-            board = Board(self._board, self.state[0], self._port.line, *buffers)
-            self._bound = self.state, (BoundCall(_read_at, board), BoundCall(_write_at, board))
-        return self._bound[1]
-
     def compiled(self) -> tuple[BoundCall, BoundCall] | None:
-        return None if self._port.line.state.file < 0 else self.calls()
+        return None if self._port.line.state.file < 0 else self._calls()
 
     def read(self) -> None:
         self._port.exchange()
-        self.calls()[0]()
+        self._calls()[0]()
         self.check()
 
     def write(self) -> None:
-        self.calls()[1]()
+        self._calls()[1]()
         self._port.exchange()
         self._port.check()
 
     def check(self) -> None:
         self._port.check()
-        if self._board.silent_ns > GONE_S * 1e9:
-            raise no_answer(self._port.name, "check that it is the board of a 2DIY")
+        super().check()
 
     def close(self) -> None:
         self._port.close(run_message((0.0, 0.0)))  # until it accepts this, the board holds its last torque

@@ -11,8 +11,8 @@ from hapscene.clock import now_ns
 from hapscene.compiled.native import native
 from hapscene.device.response_timeout import GONE_S
 from hapscene.device.serial_port import SerialLine, discard, receive, send
+from hapscene_plugins.devices.compiled_connection import SILENCE, note_poll
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward
-from hapscene_plugins.devices.silence import SILENCE, note_poll
 
 __all__ = [
     "ANSWER",

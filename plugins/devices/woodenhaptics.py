@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
-from hapscene.compiled.bound_call import loaded
 from hapscene.compiled.native import native
 from hapscene.device.driver import Driver, Option
 from hapscene.device.model import Device, Limits
@@ -25,7 +24,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.records import records
-from hapscene_plugins.devices.silence import SILENCE, note_poll
+from hapscene_plugins.devices.compiled_connection import SILENCE, note_poll
 from hapscene_plugins.devices.usb_connection import UsbConnection
 from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 from hapscene_plugins.devices.usb_transfers import PACKETS_MAX, UsbLine, clip, discard, receive, send
@@ -170,14 +169,6 @@ def write_board(given: Board) -> None:
     send(given.line, given.octets, now_ns(given.clock))
 
 
-def _read_at(address: Any, kind: Any) -> None:
-    read_board(loaded(address, kind))
-
-
-def _write_at(address: Any, kind: Any) -> None:
-    write_board(loaded(address, kind))
-
-
 class WoodenHapticsConnection(UsbConnection):
     """An open WoodenHaptics. The device sends a report in each USB frame of 1 ms, and receives one."""
 
@@ -187,11 +178,11 @@ class WoodenHapticsConnection(UsbConnection):
         if len(signs) != 3 or set(signs) - {"+", "-"}:
             raise DeviceError(f"woodenhaptics: option signs={signs}: expected three characters + or -, such as +--")
         usb = UsbDevice("woodenhaptics", VENDOR, PRODUCT, backend)
-        super().__init__(usb, records(1, BOARD)[0], _read_at, _write_at)
+        super().__init__(usb, records(1, BOARD)[0], read_board, write_board)
         self._board.homed, self._board.signs = int(homed), [-1.0 if sign == "-" else 1.0 for sign in signs]
         self._board.angles = body_angles((0, 0, 0))
         self._ends = self._usb.endpoint_pair("the firmware WoodenHapticsHID")
-        self._transfers = self._usb.transfers(self._ends)
+        self._submit(self._ends)
 
     def _argument(self) -> tuple[Any, ...]:
         words = np.zeros(4, np.int16)

@@ -74,12 +74,13 @@ class Sine:
     """A feed of which every sample differs from its neighbours, and the measurements that it receives."""
 
     def __init__(self) -> None:
-        self.count = self.fades = 0
+        self.count, self.fades, self.halted = 0, 0, False
         self.received: list[np.ndarray] = []
 
-    def pull(self, out: np.ndarray) -> None:
-        out[:] = 2.0 * np.sin(0.3 * (self.count + np.arange(len(out))))
+    def pull(self, out: np.ndarray) -> bool:
+        out[:] = 0.0 if self.halted else 2.0 * np.sin(0.3 * (self.count + np.arange(len(out))))
         self.count += len(out)
+        return self.halted
 
     def fade_in(self) -> None:
         self.fades += 1
@@ -151,6 +152,25 @@ def test_the_force_ends_within_the_watchdog_time_when_the_computer_dies() -> Non
     said = np.concatenate(list(wire.received)[before:])
     assert not said[int(0.021 * RATE_HZ) + 10 :, 1].any()
     live.close()
+
+
+def test_the_board_discards_its_buffer_when_the_force_must_end() -> None:
+    """The application has died. When the force may return, it is that of the samples that are pulled then."""
+    wire, feed = Wire(peer()), Sine()
+    live = board(wire)
+    live.start(feed)
+    wire.clock.until(lambda: feed.count > 500)
+    feed.halted, before = True, len(wire.received)
+    wire.clock.until(lambda: len(wire.received) > before + 30)
+    said = np.concatenate(list(wire.received)[before:])
+    assert not said[int(0.007 * RATE_HZ) :, 1].any() and said[: int(0.003 * RATE_HZ), 1].any()
+    feed.halted, count = False, feed.count
+    wire.clock.until(lambda: feed.count > count + 500)
+    live.close()
+    assert feed.fades == 2 and live.fault == "" and not any(live.counts.values())
+    received = np.hstack(feed.received)
+    number, force, _ = received[:, np.isfinite(received[1])]
+    np.testing.assert_allclose(force[-200:], 2.0 * np.sin(0.3 * number[-200:]), atol=1e-4)
 
 
 def test_after_a_suspended_computer_the_force_fades_in() -> None:

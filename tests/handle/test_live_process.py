@@ -69,15 +69,16 @@ def test_no_samples_while_the_application_is_silent(channel: Channel) -> None:
     clock, row = VirtualClock(), channel.channel[0]
     source = ChannelSource(channel, 0, clock)
 
-    def samples(ticks: int, beats: int) -> int:
+    def samples(ticks: int, beats: int) -> int | None:
         row.done += ticks
         row.heartbeat += beats
         clock.sleep_s(1e-3 * ticks)
-        return len(source.fetch(0)) // BLOCK
+        fetched = source.fetch(0)
+        return None if fetched is None else len(fetched) // BLOCK
 
     assert [samples(5, 1) for _ in range(3)] == [5, 5, 5]
-    assert [samples(5, 0) for _ in range(4)] == [5, 5, 0, 0]  # it was stopped: the heartbeat is older than 12 ms
+    assert [samples(5, 0) for _ in range(4)] == [5, 5, None, None]  # it was stopped: the heartbeat is older than 12 ms
     assert samples(5, 1) == 5
     row.stop_force = 1
-    assert samples(5, 1) == 0
+    assert samples(5, 1) is None
     source.close()

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.compiled.bound_call import BoundCall, loaded
-from hapscene.compiled.native import INTERPRETED
+from hapscene.compiled.bound_call import BoundCall
+from hapscene.compiled.native import INTERPRETED, native
 from hapscene.errors import DeviceError
 from hapscene_plugins.devices.openhaptics import DRIVER, OpenHapticsConnection
 from hapscene_plugins.devices.openhaptics_library import ERRORS
@@ -25,9 +25,10 @@ pytestmark = pytest.mark.skipif(INTERPRETED, reason="the driver's callback is co
 TURN = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # x right, y up, z towards the user → x right, y away, z up
 
 
-def push(address: Any, kind: Any) -> None:
+@native
+def push(given: Any) -> None:
     """A tick: the force wanted, and a spring."""
-    state, wanted = loaded(address, kind)
+    state, wanted = given
     for i in range(3):
         state[0].f_D_N[i] = wanted[i] - wanted[3] * state[0].p_DT_m[i]
 
@@ -334,11 +335,13 @@ def end_by(way: str) -> None:
     """A process of its own, whose device gives 1 N, and its end."""
     code = f"""
 import os, signal, sys, time
-from hapscene.compiled.bound_call import BoundCall, loaded
+from hapscene.compiled.bound_call import BoundCall
+from hapscene.compiled.native import native
 import hapscene.device
 
-def push(address, kind):
-    loaded(address, kind)[0][0].f_D_N[0] = 1.0
+@native
+def push(given):
+    given[0][0].f_D_N[0] = 1.0
 
 device = hapscene.device.open("openhaptics", library={emulator("hd")!r})
 tick = BoundCall(push, (device.state,))

@@ -83,6 +83,6 @@ def test_a_touch_beside_a_serial_device(desk: Desk, wall: hapscene.Scene, tmp_pa
             assert servo.mode == "paused"
             servo.home()
             servo.resume()
-            until(lambda: pushed_N(desk) < -0.3 and servo.device_state(tool=0).ready == 1)
+            until(lambda: servo.device_state(tool=0).ready == 1 and pushed_N(desk) < -0.3)
     finally:
         board.end()
