@@ -136,7 +136,7 @@ def check_device(
 
     examples:
       hapscene device check haply2diy --option port=/dev/ttyACM0 --option homed=yes
-      hapscene device check board_driver:DRIVER --emulator board_driver:Board
+      hapscene device check board_driver:DRIVER --emulator board_emulator:Board
     """
     from hapscene.device.check import check_driver
     from hapscene.device.driver import Driver

@@ -259,7 +259,7 @@ def _check_samples(session: Session) -> str:
     count, elapsed_s = int(session.device.state.count[0]) - count, session.clock.now_s() - start_s
     if count == 0:
         raise Failed(f"state.count is the same after {TICKS} ticks, expected one more for each new sample")
-    return f"{count / elapsed_s:.0f} a second; read: {_duration(session.durations_s)}"
+    return f"{count} in {TICKS} ticks, {count / elapsed_s:.0f} a second; read: {_duration(session.durations_s)}"
 
 
 def _duration(durations_s: list[float]) -> str:

@@ -23,8 +23,7 @@ class Feed(Protocol):
     def pull(self, out: Array) -> bool:
         """Fill `out` (n,) with the next samples. Takes microseconds and raises nothing.
 
-        Returns whether the force must end at once, because the application has died or stops it: an output that can
-        discard the samples in its buffer then does so.
+        Returns whether the force must end at once: an output then discards the samples in its buffer, if it can.
         """
 
     def fade_in(self) -> None:

@@ -1,7 +1,8 @@
 """Play a tool's acceleration channel on a handle, live, in its own process.
 
 The separate process avoids the Python locks of the application and of the servo. It reads the channel from the servo's
-shared memory and feeds an output. If the ticks stop, or servo or application exit, it fades to silence within 20 ms.
+shared memory and feeds an output. It fades out if the ticks stop; when the application dies, a board discards its
+buffer.
 """
 
 import multiprocessing
@@ -60,8 +61,7 @@ class ChannelSource:
         return bool(self._row["stop_force"][0]) or (beats > 0 and now_s - self._beat_s > HEARTBEAT_AGE_S)
 
     def fetch(self, wanted: int) -> Array | None:
-        """The samples of the ticks completed since the last call, at most half of the ring buffer; None if the force
-        must end."""
+        """The samples of the ticks since the last call, at most half of the ring buffer; None if the force must end."""
         done = int(self._row["done"][0])
         length = len(self._ring)
         first, self._taken = max(min(self._taken, done), done - length // 2), done

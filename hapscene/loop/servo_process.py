@@ -158,7 +158,7 @@ def _await_end(life: Pipe, handler: "weakref.ref[OrderHandler]") -> None:
     request_realtime_priority()
     ready_among([life])
     if found := handler():
-        found.stop_force()
+        found._channel.channel.stop_force = 1
 
 
 def _end(signum: int, frame: object) -> None:
@@ -370,10 +370,6 @@ class OrderHandler:
         if self._stop is None:
             self._start_loop()
         self._channel.channel.stop_force = 0
-
-    def stop_force(self) -> None:
-        """Reduce the force to zero, and keep it there until the loop starts again."""
-        self._channel.channel.stop_force = 1
 
     def check_devices(self, watched: bool = True) -> None:
         """Report errors of the devices and the end of the watchdog to the application, and write the log if one

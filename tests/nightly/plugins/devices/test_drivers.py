@@ -165,12 +165,12 @@ for _ in range(60):
 
 
 @case
-@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_mangled_frames_give_neither_force_nor_hang(case: Case, count: int, emulate) -> None:
-    """Half of the frames mangled: of a device that is not ready no force, of any a place that can be, and no hang."""
+def test_mangled_frames_give_neither_force_nor_hang(case: Case, emulate) -> None:
+    """Half of the frames mangled: of a device that is not ready no force, of any a place that can be, and no hang.
+    `test_mangled_frames.py` has 10⁵ frames without a wire."""
     emulated = emulate(case.name)
     options, device, reopened, worst_s = case.filled(emulated.place, ready=False), None, 0, 0.0
-    for i in range(count):
+    for i in range(2_000):
         if device is None:
             emulated.set(mangled=0.0)
             device = case.driver.open(**options)
@@ -187,7 +187,7 @@ def test_mangled_frames_give_neither_force_nor_hang(case: Case, count: int, emul
         assert np.isfinite(device.state.p_DT_m).all() and np.abs(device.state.p_DT_m).max() < 1.0, i
         assert np.isfinite(device.state.R_DT).all()
     assert device is not None
-    assert worst_s < GONE_S and reopened < 1 + count / 500
+    assert worst_s < GONE_S and reopened < 5
     device.close()
     assert not forces(emulated).any()
 
