@@ -11,7 +11,6 @@ import sys
 import threading
 import traceback
 import warnings
-import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -141,24 +140,16 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
 
 def _answer_orders(wire: Pipe, life: Pipe, handler: "OrderHandler") -> None:
     """Answer the orders of the application until "stop", and meanwhile check the devices for errors."""
-    watch = threading.Thread(target=_await_end, args=(life, weakref.ref(handler)), daemon=True)
-    if os.name != "nt":
-        watch.start()
+    watched, ends = True, [] if os.name == "nt" else [life]  # which the end of the watchdog wakes
     while True:
-        while handler.connections and not wire.poll(WATCH_S):
-            handler.check_devices(watched=os.name == "nt" or watch.is_alive())
+        while handler.connections and wire not in (ready := ready_among([wire, *ends], WATCH_S)):
+            if life in ready:
+                watched, ends = False, []
+            handler.check_devices(watched)
         order, arguments = _receive(wire)
         if order == "stop":
             return
         wire.send(handler.answer(order, arguments))
-
-
-def _await_end(life: Pipe, handler: "weakref.ref[OrderHandler]") -> None:
-    """Remove the force when the watchdog ends, in a thread with real-time priority: others may take long to run."""
-    request_realtime_priority()
-    ready_among([life])
-    if found := handler():
-        found._channel.channel.stop_force = 1
 
 
 def _end(signum: int, frame: object) -> None:

@@ -111,6 +111,7 @@ def watch(
     gc.freeze()
     gc.disable()  # a collection takes milliseconds
     request_realtime_priority(PRIORITY + 1)
+    _hasten(os.getpid())  # threads of libraries: the servo detects the end of this process when all of them have ended
     length, block, bodies, tools = shape
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
@@ -126,7 +127,8 @@ def watch(
 
 
 def _hasten(pid: int) -> None:
-    """Give a process that was killed the priority of this one: it frees its memory before its devices."""
+    """Give all threads of a process the priority of this one: when it is killed, it frees its memory before its
+    devices."""
     with suppress(OSError, AttributeError):  # it has ended, or not Linux
         for thread in Path(f"/proc/{pid}/task").iterdir():
             os.sched_setscheduler(int(thread.name), os.sched_getscheduler(0), os.sched_getparam(0))
