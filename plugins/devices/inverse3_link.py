@@ -115,7 +115,6 @@ class Link:
             raise ConnectionResetError("closed")
 
     def _flush(self) -> None:
-        self._socket.settimeout(0.05)
-        for data in self._protocol.data_to_send():
-            if data:
-                self._socket.sendall(data)
+        if data := b"".join(self._protocol.data_to_send()):
+            self._socket.settimeout(0.05)
+            self._socket.sendall(data)

@@ -79,6 +79,7 @@ class NetworkConnection(Connection):
         self._key, self._nonce, self._client = 0, None, ("", 0)
         self._convention = Convention.of({})
         self._last = self._waiting = self._tick = 0
+        self._pushes = False
         self._message_s = self._frame_s = -math.inf
         self.state.trouble = WAITING
 
@@ -150,8 +151,10 @@ class NetworkConnection(Connection):
 
     def write(self) -> None:
         self._tick += 1
-        if self._key != 0 and self._waiting > 0:
-            self._answer(self.state.f_D_N[0] if self.state.ready[0] == 1 else np.zeros(3))
+        force = self.state.f_D_N[0] if self.state.ready[0] == 1 else np.zeros(3)
+        if self._key != 0 and (self._waiting > 0 or (self._pushes and not force.any())):  # the end of a force at once
+            self._waiting = self._last
+            self._answer(force)
 
     def _answer(self, force: Any) -> None:
         """Send the force, in the STATE that answers the newest FRAME."""
@@ -161,7 +164,7 @@ class NetworkConnection(Connection):
         sent = self._convention.client_vector(force)
         state = State(self._tick, 0.0, place, place, zero, sent, 0.0, 0.0, -1, -1, -1, 0, 0, (), ())
         self._send(Packet(STATE, self._key, self._waiting, pack_state(state)), self._client)
-        self._waiting = 0
+        self._waiting, self._pushes = 0, bool(force.any())
 
     def close(self) -> None:
         if self._key != 0 and self._socket.fileno() >= 0:
