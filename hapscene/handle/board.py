@@ -410,7 +410,7 @@ class LiveBoard(Board):
             return
         samples = np.zeros(room)
         assert self._feed is not None
-        halted, self._halted = self._halted, self._feed.pull(samples)
+        halted, self._halted = self._halted, self._feed.pull(samples) is True
         self._pulled += room
         if self._halted and not halted:
             self._begin()  # the board discards what it has not played yet

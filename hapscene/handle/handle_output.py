@@ -20,10 +20,10 @@ FEEDBACK_DELAY_MAX: Final = 400
 class Feed(Protocol):
     """The source of an output's samples: faded in and out, within the output's limits (`live_stream.LiveStream`)."""
 
-    def pull(self, out: Array) -> bool:
+    def pull(self, out: Array) -> bool | None:
         """Fill `out` (n,) with the next samples. Takes microseconds and raises nothing.
 
-        Returns whether the force must end at once: an output then discards the samples in its buffer, if it can.
+        Returns True if the force must end at once: an output then discards the samples in its buffer, if it can.
         """
 
     def fade_in(self) -> None:

@@ -46,7 +46,7 @@ POLL_S: Final = 0.02
 class ChannelSource:
     """The samples of a tool's channel in the servo's shared memory, from now on.
 
-    While the application sends no heartbeat, or requests no force, there are none: the handle becomes silent.
+    While the application sends no heartbeat, or requests no force, it returns no samples: the handle becomes silent.
     """
 
     def __init__(self, channel: Channel, tool: int, clock: Clock = CLOCK) -> None:

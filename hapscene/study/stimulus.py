@@ -176,7 +176,7 @@ class _Samples:
         self._given = samples, Event()
         return self._given[1]
 
-    def pull(self, out: Array) -> bool:
+    def pull(self, out: Array) -> None:
         if self._now is not self._given:
             self._now, self._first = self._given, 0
         samples, ended = self._now
@@ -186,7 +186,6 @@ class _Samples:
         self._first += len(part)
         if len(part) < len(out):
             ended.set()
-        return False
 
     def fade_in(self) -> None:
         """Restart an interrupted sound."""
