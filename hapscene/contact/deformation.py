@@ -270,10 +270,10 @@ def _meet(world: "World", index: int, now_B: Vector) -> None:
         for other in range(way):
             if proxy.ray_face[other] == face:
                 face = -1
+        held = False
         for i in range(proxy.count):
-            if proxy.body[i] == index and proxy.face[i] == face:
-                face = -1
-        if face < 0:
+            held |= proxy.body[i] == index and proxy.face[i] == face
+        if face < 0 or (held and body.two_sided == 0):  # a plane of a one-sided face moves the proxy out by itself
             continue
         n, offset = plane(*corners(world, body, face))
         side = proxy.ray_side[way]
@@ -281,7 +281,8 @@ def _meet(world: "World", index: int, now_B: Vector) -> None:
         if not (behind_m > 0.0 and lies_over_in_body(world, body, face, now_B, 2.0 * behind_m + body.skin_m)):
             continue
         if side > 0.0 or body.two_sided == 1:
-            _hold_by(world, index, face, side)
+            if not held:
+                _hold_by(world, index, face, side)
             if body.two_sided == 1:  # a two-sided face would otherwise constrain the proxy on its back
                 out_m = side * (behind_m + body.skin_m)
                 for i in range(3):

@@ -41,14 +41,14 @@ class AudioHandle:
 
     def __init__(
         self,
-        device: str = "",
-        channels: str = "",
-        gain: float = 0.02,
-        rate_Hz: float = 48_000.0,
-        buffer_s: float = 0.0,
-        block: int = 0,
-        highpass_Hz: float = 15.0,
-        lag_s: float = 0.005,
+        device: str,
+        channels: str,
+        gain: float,
+        rate_Hz: float,
+        buffer_s: float,
+        block: int,
+        highpass_Hz: float,
+        lag_s: float,
     ) -> None:
         """Open the card. The arguments are `DRIVER.options`.
 

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 import hapscene
+from hapscene.bridge.conventions import Convention
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.packets import (
     ANSWER,
@@ -154,6 +155,18 @@ def test_a_slow_order_does_not_delay_frames(server: BridgeServer) -> None:
 )
 def test_invalid_orders_are_answered(server: BridgeServer, order: bytes) -> None:
     assert "error" in Talk(server).order(order)
+
+
+def test_faces_that_clients_add_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapscene.bridge.orders.FACE_MAX", 3)
+    servo: Any = Still()
+    servo.add = lambda mesh, name, **how: servo.scene.add(mesh, name)
+    plate = {"order": "add", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "faces": [[0, 1, 2], [1, 3, 2]]}
+    ours = Convention.of({})
+    with Orders(servo) as orders:
+        assert orders.carry_out(ours, plate | {"name": "one"})["body"] == 1
+        assert orders.carry_out(ours, {"order": "add", "name": "two", "like": "one"})["body"] == 2
+        assert "1 are left" in orders.carry_out(ours, plate | {"name": "three"})["error"]
 
 
 def test_a_refused_start_keeps_the_grip(server: BridgeServer) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import hapscene
 from hapscene.bridge.simulation import RATIO_MAX, ratio_max
@@ -33,8 +34,6 @@ class Box:
         return hapscene.bridge.free_mobility(self.mass_kg, 3 * [self.inertia_kg_m2], self.X_WB[:3, :3])
 
     def advance(self, wrench_W: Array) -> None:
-        from scipy.spatial.transform import Rotation
-
         self.v_m_s += (wrench_W[0, :3] + self.f_N) / self.mass_kg * self.step_s
         most_m_s = self.drag_N / self.mass_kg * self.step_s
         self.v_m_s -= np.clip(self.v_m_s, -most_m_s, most_m_s)
@@ -129,6 +128,17 @@ def test_the_time_of_a_recording_goes_on_after_the_ticks_of_a_bridge(scene: haps
     )
 
 
+def test_a_twin_pushes_a_body(scene: hapscene.Scene) -> None:
+    """The steps of the simulation do not divide the run; the impulse of the last ticks is not applied yet."""
+    box, twin = Box(0.2, 7e-3), hapscene.loop.Twin(scene, hapscene.device.PointMass(0.05))
+    way = np.linspace((-0.06, 0.0, 0.0), (-0.04, 0.0, 0.0), 102)
+    result = hapscene.bridge.Bridge(box).run_twin(twin, hapscene.loop.ReferenceTrajectory.along(way, "medium"))
+    given = 1e-3 * result.recording.f_body_W_N[:, 0].sum()
+    assert len(result) == 102 and given > 1e-3
+    assert twin.renderer.impulse("box").linear_N_s[0] == pytest.approx(given)
+    assert box.mass_kg * box.v_m_s[0] == pytest.approx(given)
+
+
 def test_teleport(scene: hapscene.Scene) -> None:
     box = Box(0.2, 1 / 60)
     bridge, renderer, felt = hapscene.bridge.Bridge(box), hapscene.Renderer(scene), list[hapscene.Command]()
@@ -165,3 +175,33 @@ def test_invalid_arguments(scene: hapscene.Scene) -> None:
     other.add(trimesh.creation.box(3 * [SIDE_M]), name="bux", unit="m")
     with pytest.raises(hapscene.HapsceneError, match="no body 'box'; there are: bux"):
         bridge.step(hapscene.Renderer(other), (0.0, 0.0, 1.0))
+
+
+def test_free_mobility_is_the_inverse_of_the_spatial_inertia() -> None:
+    rng = np.random.default_rng(6)
+    R, com_B_m, inertia = (
+        Rotation.random(random_state=1).as_matrix(),
+        rng.normal(size=3),
+        np.cov(rng.normal(size=(3, 9))),
+    )
+    C = np.cross(np.eye(3), R @ com_B_m)  # C v = c × v
+    for given in (inertia, np.diag(inertia)):
+        about_com = R @ (inertia if given is inertia else np.diag(given)) @ R.T
+        spatial = np.block([[2.0 * np.eye(3), -2.0 * C], [2.0 * C, about_com - 2.0 * C @ C]])
+        mobility = hapscene.bridge.free_mobility(2.0, given, R, com_B_m)
+        np.testing.assert_allclose(mobility @ spatial, np.eye(6), atol=1e-12)
+
+
+def test_steady_motion_is_predicted_between_steps(scene: hapscene.Scene) -> None:
+    """A body that moves and turns at a constant rate about no axis of the world, in steps of ten ticks."""
+    box, seen = Box(0.2, 0.01), list[Array]()
+    box.v_m_s[:], box.w_rad_s[:] = (0.1, -0.2, 0.3), (2.0, -3.0, 4.0)
+    box.X_WB[:3, :3] = Rotation.from_rotvec((0.3, -0.7, 1.1)).as_matrix()
+    bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene)
+    body = renderer.world.bodies[0]
+    for _ in range(6):
+        bridge.step(renderer, (0.0, 0.0, 1.0), lambda _: seen.append(np.c_[body.R_WB, body.p_WB_m]))
+    t = np.arange(60)[:, None] * 1e-3
+    turns = Rotation.from_rotvec(t * box.w_rad_s) * Rotation.from_rotvec((0.3, -0.7, 1.1))
+    expected = np.concatenate((turns.as_matrix(), (t * box.v_m_s)[:, :, None]), axis=2)
+    np.testing.assert_allclose(seen[30:], expected[30:], atol=1e-9)

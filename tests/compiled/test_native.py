@@ -1,12 +1,14 @@
 """Compiled functions: disk cache, its safety and keys, and progress."""
 
 import importlib
+import io
 import os
 import shutil
 import sys
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -75,8 +77,10 @@ def hits(function: Any) -> int:
 
 
 def test_a_function_is_compiled_once(compiled: Callable[..., Any], tmp_path: Path) -> None:
-    assert hits(compiled()) == 0 and hits(compiled()) == 1
+    whole, known = compiled(), compiled()
+    assert hits(whole) == 0 and hits(known) == 1
     assert len(files(tmp_path)) == 1  # of the whole only
+    assert [cache.is_known(digest.digest_of(one.py_func)[0]) for one in (known, native(lambda x: x))] == [True, False]
 
 
 @pytest.mark.parametrize("change", [{"doc": "Other words."}, {"comment": "  # why"}, {"other": 2}])
@@ -207,22 +211,23 @@ def test_selected_processor_excludes_code_of_the_wheel(monkeypatch: pytest.Monke
     assert not cache._runs_portable_code.__wrapped__()
 
 
-@pytest.fixture
-def printed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    texts: list[str] = []
-    monkeypatch.setattr(progress, "_write", texts.append)
-    monkeypatch.setattr(progress, "_rewrites", lambda: False)
-    return texts
-
-
-def test_long_compilation_is_reported_once(printed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("terminal", [False, True])
+def test_long_compilation_is_reported_in_one_line(terminal: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = io.StringIO()
+    screen.isatty = lambda: terminal  # type: ignore[method-assign]
+    monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
-    with compiling():
+    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=iter([100.0, 103.0, 200.0, 203.0]).__next__))
+    with progress.compiling(2):
         native(lambda x: x * 5.0)(1.0)
         native(lambda x: x * 7.0)(1.0)
-    text = "".join(printed)
-    assert text.startswith("compiling 1 function (first run, about 10 s)")
-    assert text.count("compiling") == 1 and text[-1] == "\n"
+    line, *later = screen.getvalue().split("\r")
+    shown = "compiling 2 functions (first run, about 20 s) … "
+    lines = [f"{shown}1", f"{shown}2", f"{shown}2 done in 3 s\n"] if terminal else []
+    assert (line, later) == (shown if terminal else f"{shown} done in 3 s\n", lines)
+    monkeypatch.setattr(sys, "stderr", None)  # as in a program without a console
+    with compiling():
+        assert native(lambda x: x * 9.0)(1.0) == 9.0
 
 
 def test_record_code_is_named_by_its_layout() -> None:

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -103,7 +103,7 @@ def test_invalid_pose_is_flagged_and_last_valid_one_kept(spoil):
     assert renderer.step(ON_TOP, spoiled).flags == Flag.POSE_REFUSED
 
 
-@pytest.mark.nightly
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-12, ROTATION_TOLERANCE / 4))
 def test_rounding_errors_of_a_rotation_are_corrected(seed, size):
     rng = np.random.default_rng(seed)

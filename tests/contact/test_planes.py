@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapscene.contact.planes import PARALLEL, nearest, restore_plane
-from hapscene.contact.world import DROPPED, PROXY
+from hapscene.contact import planes
+from hapscene.contact.world import DROPPED, PROXY, SAVED
 from hapscene.records import records
 
 
@@ -38,21 +38,21 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(directions, st.floats(0, 0.1)), min_size=1, max_size=4), vectors)
-@example(planes=[(DOWN, 0.0), (np.array([5.96e-8, 0.0, 1.0]), 0.0)], tool=(-1.0, 0.0, 0.0))
-@example(planes=[(DOWN, 0.0), (np.array([np.sin(1e-5), 0.0, np.cos(1e-5)]), 0.0)], tool=(-1.0, 0.0, 0.0))
-def test_solution_satisfies_the_kkt_conditions(planes, tool):
+@example(walls=[(DOWN, 0.0), (np.array([5.96e-8, 0.0, 1.0]), 0.0)], tool=(-1.0, 0.0, 0.0))
+@example(walls=[(DOWN, 0.0), (np.array([np.sin(1e-5), 0.0, np.cos(1e-5)]), 0.0)], tool=(-1.0, 0.0, 0.0))
+def test_solution_satisfies_the_kkt_conditions(walls, tool):
     """The Karush–Kuhn–Tucker conditions hold for the closest point only.
 
     The solver fails only if planes are dependent to within `PARALLEL`, such as two that face each other at a millionth
     of a radian.
     """
-    normals = np.array([n for n, _ in planes])
-    offsets = np.array([-d for _, d in planes])  # the origin is allowed, so a closest point exists
+    normals = np.array([n for n, _ in walls])
+    offsets = np.array([-d for _, d in walls])  # the origin is allowed, so a closest point exists
     proxy = held_by(normals, offsets)
-    found, p = nearest(proxy, tool, 0.0)
-    push = proxy.push_m[: len(planes)]
+    found, p = planes.nearest(proxy, tool, 0.0)
+    push = proxy.push_m[: len(walls)]
     if not found:
-        assert least_determinant(normals) < 10.0 * PARALLEL
+        assert least_determinant(normals) < 10.0 * planes.PARALLEL
         assert p == tool and not push.any()
         return
     above = normals @ p - offsets
@@ -72,9 +72,85 @@ def test_only_planes_dropped_in_this_tick_are_restored(world, triangle):
     proxy.face[DROPPED + 1] = 0
     over, under = (0.02, 0.02, 1e-4), (0.02, 0.02, -1e-4)
     proxy.dropped_count, proxy.count = 0, 0
-    assert not restore_plane(w, over, under)
+    assert not planes.restore_plane(w, over, under)
     proxy.dropped_count, proxy.offset_m[DROPPED] = 1, -1.0  # dropped now, but far below
-    assert not restore_plane(w, over, under)
+    assert not planes.restore_plane(w, over, under)
     proxy.dropped_count = 2
-    assert restore_plane(w, over, under)
+    for p, goal in ((over, (0.02, 0.02, 0.995e-6)), (under, under), (over, (-0.02, 0.02, -1e-4))):
+        assert not planes.restore_plane(w, p, goal)  # the goal is free, the proxy is below, the goal is beside the face
+    assert planes.restore_plane(w, over, under)
     assert (proxy.count, proxy.met[0], proxy.offset_m[0]) == (1, 2, 0.0)
+    assert not planes.restore_plane(w, over, under) and proxy.count == 1  # it holds the proxy already
+    proxy.body[0] = 7
+    proxy.dropped_count = 9 * SAVED  # more than there are slots
+    assert planes.restore_plane(w, over, (0.02, 0.02, 0.98e-6)) and proxy.count == 2
+
+
+FIELDS = ("offset_m", "skin_m", "body", "face", "side", "met")
+
+
+def fill(proxy, count: int):
+    """Planes whose fields all differ; returns a function that says which of them are in the slots."""
+    for i in range(count):
+        proxy.nhat_W[i] = (i, i + 0.1, i + 0.2)
+        for k, name in enumerate(FIELDS):
+            proxy[name][i] = 10 * (i + 1) + k
+    proxy.count = count
+    before = proxy.copy()
+
+    def slots() -> list[int]:
+        found = [int(proxy.offset_m[i] / 10) - 1 for i in range(proxy.count)]
+        for i, k in enumerate(found):
+            assert proxy.nhat_W[i].tolist() == before.nhat_W[k].tolist()
+            assert all(proxy[name][i] == before[name][k] for name in FIELDS)
+        return found
+
+    return slots
+
+
+def test_planes_are_dropped_whole_and_in_order():
+    proxy = records(1, PROXY)[0]
+    slots = fill(proxy, 4)
+    proxy.push_m[:4] = (0.0, 2.0, 0.0, 3.0)
+    planes.drop_idle(proxy)
+    assert slots() == [1, 3] and proxy.push_m[:2].tolist() == [2.0, 3.0]
+    slots = fill(proxy, 3)
+    planes.drop_oldest(proxy)
+    assert slots() == [1, 2]
+    slots = fill(proxy, 3)
+    planes.drop_planes_of(proxy, proxy.body[1])
+    assert slots() == [0, 2]
+    planes.copy_plane(proxy, 1, 0)
+    assert slots() == [2, 2]
+
+
+def test_planes_that_a_ray_met_are_trusted_until_the_proxy_moves():
+    proxy = held_by(np.eye(3), np.zeros(3))
+    for first, moved, met in (
+        (2, 0.5, [0, 2, 1]),
+        (3, planes.NEARBY - 0.1, [0, 2, 0]),
+        (3, planes.NEARBY + 0.1, [0, 0, 0]),
+    ):
+        proxy.met[:3] = (1, 2, 1)
+        planes.trust(proxy, first, moved * 1e-6)
+        assert proxy.met[:3].tolist() == met
+
+
+def test_planes_follow_their_body(world, triangle, turned):
+    w = world(triangle)
+    proxy, body = w.proxy[0], w.bodies[0]
+    body.R_WB, body.p_WB_m = turned, (0.1, -0.2, 0.3)
+    for side in (1.0, -1.0):
+        proxy.side[0] = side
+        planes.update_plane(w, 0)
+        np.testing.assert_allclose(proxy.nhat_W[0], side * turned[:, 2], atol=1e-15)
+        assert np.isclose(proxy.offset_m[0], side * turned[:, 2] @ (0.1, -0.2, 0.3), atol=1e-15)
+
+
+def test_planes_of_faces_that_do_not_extend_below_the_proxy_are_dropped(world, triangle):
+    w = world(triangle)
+    proxy = w.proxy[0]
+    for met, x_m, dropped in ((0, 0.02, False), (1, -0.02, False), (0, -0.02, True)):
+        proxy.count, proxy.met[0] = 1, met
+        assert planes.drop_unsupported(w, (x_m, 0.02, 1e-4)) is dropped
+        assert (proxy.count, proxy.dropped_count) == (1 - dropped, int(dropped))

@@ -61,29 +61,32 @@ def test_without_velocities_poses_are_interpolated() -> None:
     np.testing.assert_allclose(turned, np.minimum(np.arange(1, 31), 20) * 0.02, atol=1e-12)
 
 
+TURNED, COM_B_M = Rotation.from_rotvec((0.3, -0.7, 1.1)), np.array((0.02, -0.05, 0.1))
+
+
 def test_with_velocities_motion_continues_for_the_horizon() -> None:
-    line = Line(com_B_m=(0.1, 0.0, 0.0))
-    line.send(0, (0.0, 0, 0), v=(0.3, 0, 0), w=(0, 0, 2.0))
+    line, v, w = Line(com_B_m=COM_B_M), np.array((0.3, -0.1, 0.2)), np.array((0.5, -1.0, 2.0))
+    line.send(0, (0.1, 0.2, 0.3), TURNED.as_matrix(), v, w)
     seen = np.array([line.tick(k) for k in range(200)])
-    com = seen[:, :3, :3] @ [0.1, 0, 0] + seen[:, :3, 3]
-    t = np.minimum(np.arange(200), HORIZON_S / TICK_S - 1) * TICK_S
-    np.testing.assert_allclose(com, np.c_[0.1 + 0.3 * t, 0 * t, 0 * t], atol=1e-12)
-    np.testing.assert_allclose(Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2], 2.0 * t, atol=1e-12)
+    t = np.minimum(np.arange(200), HORIZON_S / TICK_S - 1)[:, None] * TICK_S
+    com = seen[:, :3, :3] @ COM_B_M + seen[:, :3, 3]
+    np.testing.assert_allclose(com, (0.1, 0.2, 0.3) + TURNED.apply(COM_B_M) + v * t, atol=1e-12)
+    np.testing.assert_allclose(seen[:, :3, :3], (Rotation.from_rotvec(w * t) * TURNED).as_matrix(), atol=1e-12)
 
 
-@pytest.mark.parametrize("late", [0, 5])
-def test_push_accelerates_by_mass_and_inertia(late: int) -> None:
-    """A steady force off the centre that no frame contains yet; also with a delayed frame."""
-    line, force, place = Line(0.2, 1e-3), np.array([1.0, 0, 0]), np.array([0.0, 0.01, 0.0])
-    line.send(-late)
-    for k in range(60):
-        line.impulse[0, :3] += TICK_S * force
-        line.impulse[0, 3:] += TICK_S * np.cross(place, force)
-        X = line.tick(k)
-    t = 60 * TICK_S
-    assert X[0, 3] == pytest.approx(0.5 * 5.0 * t * t, rel=0.03 + 0.1 * late)
-    turn = Rotation.from_matrix(X[:3, :3]).as_rotvec()
-    assert turn[2] == pytest.approx(-0.5 * 10.0 * t * t, rel=0.03 + 0.1 * late)
+def test_impulse_turns_a_body_by_its_inertia() -> None:
+    """v = J/m and ω = R Y Rᵀ (L − c × J), with the impulses J and L about the origin of the body."""
+    rng, line, R = np.random.default_rng(4), Line(0.2, com_B_m=COM_B_M), TURNED.as_matrix()
+    Y = np.cov(rng.normal(size=(3, 9))) * 1e3
+    line.frames[0].inverse_inertia_B = Y
+    line.send(0, (0.1, 0.2, 0.3), R)
+    line.tick(0)
+    J, L = 1e-3 * rng.normal(size=(2, 3))
+    line.impulse[0] += np.r_[J, L]
+    X, c = line.tick(1), R @ COM_B_M
+    w = R @ Y @ R.T @ (L - np.cross(c, J))
+    np.testing.assert_allclose(Rotation.from_matrix(X[:3, :3] @ R.T).as_rotvec(), w * TICK_S, rtol=1e-9)
+    np.testing.assert_allclose(X[:3, :3] @ COM_B_M + X[:3, 3] - c - (0.1, 0.2, 0.3), J / 0.2 * TICK_S, rtol=1e-9)
 
 
 @pytest.mark.parametrize("lags", [False, True])

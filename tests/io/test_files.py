@@ -114,7 +114,7 @@ def test_error_names_the_requested_path(tmp_path: Path) -> None:
             continue
         with pytest.raises(OSError) as caught, writing(place):
             pass
-        assert caught.value.filename == str(place)
+        assert caught.value.filename == str(place) and files.FULL_HINT not in str(caught.value)
 
 
 # Temporary files of processes that were killed.
@@ -182,10 +182,11 @@ def test_interrupt_at_any_line_leaves_no_files(tmp_path: Path, kind: str) -> Non
 
 @pytest.mark.parametrize("whole", [whole_file, whole_folder])
 @pytest.mark.parametrize("named", [False, True])
-def test_disk_full_error_names_the_requested_path(tmp_path: Path, whole: Any, named: bool) -> None:
+@pytest.mark.parametrize("hint", ["", files.FULL_HINT])
+def test_disk_full_error_names_the_requested_path(tmp_path: Path, whole: Any, named: bool, hint: str) -> None:
     with pytest.raises(OSError) as caught, whole(tmp_path / "a.out") as part:
-        raise OSError(errno.ENOSPC, "No room", *([str(part)] if named else []))
-    assert caught.value.filename == str(tmp_path / "a.out")
+        raise OSError(errno.ENOSPC, f"No room{hint}", *([str(part)] if named else []))
+    assert caught.value.filename == str(tmp_path / "a.out") and str(caught.value).count(files.FULL_HINT) == 1
 
 
 def test_other_errors_are_unchanged(tmp_path: Path) -> None:

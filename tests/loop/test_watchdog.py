@@ -179,6 +179,43 @@ def test_device_that_does_not_answer_does_not_delay_others() -> None:
     assert order == [True]
 
 
+@pytest.mark.parametrize(
+    ("kinds", "closed", "acts"),
+    [
+        (["pen"], True, ["zero 0"]),
+        (["stops", "prepared"], True, ["zero 1"]),
+        (["holds"], True, []),
+        (["prepared", "holds"], True, []),  # the one cannot be set to zero while the servo has it
+        (["prepared", "holds"], False, ["zero 1", "kill 7", "release 2"]),
+    ],
+)
+def test_servo_goes_on_only_if_all_devices_lose_their_force(
+    kinds: list[str], closed: bool, acts: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, zeros = list[str](), list[int]()
+    device = {"force": True, "release": print, "watchdog_s": 1.0, "prepare_release": None, "imports": ("no_module",)}
+    device["read_options"] = dict
+    more = {"pen": {"force": False}, "stops": {"release": None, "watchdog_s": 0.9 * BUSY_S}, "holds": {}}
+    more["prepared"] = {"prepare_release": lambda: lambda: zeros.append(1)}
+
+    def until(life: Any, channel: Any, pid: int, send_zeros: Callable[[], object] | None) -> bool:
+        if send_zeros is not None:
+            send_zeros()
+            done.append(f"zero {len(zeros)}")
+        return closed
+
+    monkeypatch.setattr(watchdog, "DRIVERS", SimpleNamespace(load=lambda name: SimpleNamespace(**device | more[name])))
+    monkeypatch.setattr(watchdog, "until_needed", until)
+    monkeypatch.setattr(watchdog, "open_channel", lambda *place, **shape: SimpleNamespace(close=lambda unlink: None))
+    for name in ("gc.freeze", "gc.disable", "signal.signal", "os.setsid", "request_realtime_priority", "_hasten"):
+        monkeypatch.setattr(f"hapscene.loop.watchdog.{name}", lambda *given: None)
+    monkeypatch.setattr(watchdog, "release_all", lambda drivers, closed: done.append(f"release {len(drivers)}"))
+    monkeypatch.setattr("os.kill", lambda pid, signum: done.extend([f"zero {len(zeros)}", f"kill {pid}"]))
+    choices, ready = [DeviceChoice(kind) for kind in kinds], SimpleNamespace(send=lambda message: None)
+    watchdog.watch(None, ready, "name", (1, 1, 1, 1), 7, choices)  # type: ignore[arg-type]
+    assert done == acts
+
+
 @pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * HEARTBEAT_NS, 50)])
 def test_heartbeat_stops_without_calls(patience_ns: int, beats: int) -> None:
     class Stop:

@@ -48,17 +48,22 @@ def test_movement_is_that_of_minimum_jerk() -> None:
     assert speed_m_s(hand.p_WT_m).max() == pytest.approx(1.875 * 0.2 / 0.5, rel=1e-4)
 
 
-def test_tap_press_and_stroke_go_to_their_depth_and_back() -> None:
-    for act in (
-        lambda hand: hand.tap(0.01, 0.0),
-        lambda hand: hand.press(0.01, 0.0, DEPTH_M),
-        lambda hand: hand.stroke((0.01, 0.0), (0.06, 0.02)),
+def test_acts_go_to_their_depth_and_back_in_their_time() -> None:
+    """80 ms across and 80 ms down to the height at which they begin; then their own movements."""
+    for act, ticks in (
+        (lambda hand: hand.tap(0.01, 0.0), 100 + 100),
+        (lambda hand: hand.press(0.01, 0.0, DEPTH_M), 200 + 200 + 200),
+        (lambda hand: hand.stroke((0.01, 0.0), (0.06, 0.02)), 150 + 449 + 120),  # 54 mm at 0.12 m/s
+        (lambda hand: hand.scrub((0.01, 0.0), (0.06, 0.02), DEPTH_M, 2), 150 + 4 * 301 - 1 + 120),
     ):
         hand = PathBuilder((0.0, 0.0, 0.02), TICK_S, flat)
         act(hand)
-        z_m = hand.p_WT_m[:, 2]
+        x_m, _, z_m = hand.p_WT_m.T
+        assert hand.tick_count == len(z_m) == 1 + 160 + ticks
         assert z_m.min() == pytest.approx(-DEPTH_M, abs=1e-9)
         assert z_m[-1] == pytest.approx(HOVER_M, abs=1e-9)
+    ways = np.sign(np.diff(x_m))
+    assert np.count_nonzero(np.diff(ways[ways != 0.0])) == 3  # back and forth
 
 
 def test_explore_touches_every_body_smoothly_and_repeats() -> None:

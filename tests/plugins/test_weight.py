@@ -8,9 +8,10 @@ from hapscene_plugins.effects.weight import EFFECT
 
 
 def test_the_weight_follows_a_low_pass(bench, ticks):
-    f = bench(EFFECT, params={"mass_kg": 0.2}).run(ticks(2000, touching=0))["f_W_N"]
-    np.testing.assert_allclose(f[:, 2], -0.2 * 9.81 * (1.0 - np.exp(-1e-3 * np.arange(1, 2001) / 0.05)), rtol=1e-12)
-    assert not f[:, :2].any()
+    params = {"mass_kg": 0.2, "gravity_x_m_s2": 3.0, "gravity_y_m_s2": -2.0}
+    f = bench(EFFECT, params=params).run(ticks(2000, touching=0))["f_W_N"]
+    risen = 1.0 - np.exp(-1e-3 * np.arange(1, 2001) / 0.05)
+    np.testing.assert_allclose(f, 0.2 * np.outer(risen, (3.0, -2.0, -9.81)), rtol=1e-12)
 
 
 def test_a_changed_mass_causes_no_step(bench, ticks):

@@ -1,9 +1,9 @@
-"""Contact events in the rows of ticks."""
+"""The contact in the row of a tick, and contact events in rows."""
 
 import numpy as np
 
 from hapscene.records import ROW, records
-from hapscene.render.contact_info import ContactEvent, events_of
+from hapscene.render.contact_info import Contact, ContactEvent, events_of
 
 
 def rows_of(*ticks: tuple[int, int, int]) -> np.ndarray:
@@ -12,6 +12,21 @@ def rows_of(*ticks: tuple[int, int, int]) -> np.ndarray:
     for k, (row, (body, swatch, began)) in enumerate(zip(rows, ticks, strict=True)):
         row.body, row.swatch, row.began, row.approach_m_s = body, swatch, began, 0.1 * k
     return rows
+
+
+def test_a_contact_has_the_numbers_of_its_row() -> None:
+    (row,) = np.random.default_rng(1).random((1, ROW.itemsize // 8)).view(np.recarray).view(ROW)[0].view(np.recarray)
+    row.body, row.swatch, row.face = 1, 0, 7
+    radius_m = float(np.linalg.norm(row.p_WP_m - row.p_WC_m))
+    for row.began, row.depth_m, patch_m in ((0, 0.25 * radius_m, 0.5 * radius_m), (1, 2.0 * radius_m, radius_m)):
+        contact = Contact(row.tobytes(), ("box", "lid"), ("plain", "wood"))
+        assert (contact.body, contact.swatch, contact.face, contact.began) == ("lid", "plain", 7, row.began == 1)
+        assert (contact.depth_m, contact.slip_m_s) == (row.depth_m, row.slip_m_s)
+        for name, column in (("p_W_m", "p_WC_m"), ("nhat_W", "nhat_W"), ("f_body_W_N", "f_body_W_N")):
+            assert getattr(contact, name).tolist() == row[column].tolist()
+        torque = np.cross(row.p_WC_m - (1.0, 2.0, 3.0), row.f_body_W_N)
+        np.testing.assert_allclose(contact.tau_body_W_Nm((1.0, 2.0, 3.0)), torque)
+        np.testing.assert_allclose(contact.patch_radius_m, patch_m)
 
 
 def test_a_contact_begins_crosses_and_ends() -> None:

@@ -109,12 +109,18 @@ def _grown_B(renderer, path):
 STABILISED = Limits(passivity_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay_ticks=1, force_N=1.5)
 
 
+def _fail(touch, p, table, s, out):
+    out.f_W_N[0] = np.nan
+
+
 def test_row_holds_the_force_after_guard_and_limits(box):
-    """The passivity guard damps the sum, and the limits clip the result, which the next tick uses."""
+    """The passivity guard damps the sum, and the limits clip the result, which the next tick uses; flags add up."""
+    fail = Effect("fail", "Returns NaN.", _fail, scope="scene")
     z = 1e-3 * np.sin(np.arange(400) / 3.0)
     path = np.column_stack((0.01 + 0 * z, 0 * z, z))
     guarded = Limits(passivity_Ns_m=50.0, force_N=0.3)
-    recording = hapscene.Renderer(box, ["wall"], limits=guarded).run(path)
+    recording = hapscene.Renderer(box, ["wall", fail], limits=guarded).run(path)
+    assert (recording.flags & Flag.EFFECT_MUTED).all()
     damped, cut = ((recording.flags & flag) != 0 for flag in (Flag.ENERGY_DAMPED, Flag.FORCE_LIMITED))
     assert (damped & cut).any() and (damped & ~cut).any()
     assert np.linalg.norm(recording.f_W_N, axis=1).max() <= 0.3 * (1 + 1e-12)

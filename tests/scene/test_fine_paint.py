@@ -133,6 +133,7 @@ def test_blend_keeps_the_two_heaviest_swatches():
     assert [x.item() for x in parts(paint_over(half[None], 2, np.array([0.75])))] == [2, 1, 0.25]
     assert paint_over(half[None], 3, np.array([1.0])) == 3 and blend(5, 5, 0.3) == 5
     assert blend(4, 2, 0.5) == blend(2, 4, 0.5)
+    assert whole_faces([3, 5], [blend(4, 2, 0.5), blend(4, 2, 0.4)]).main_swatch().tolist() == [2, 4]
 
 
 def test_faces_and_opacity():

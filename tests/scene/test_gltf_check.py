@@ -2,6 +2,7 @@
 
 import json
 import tracemalloc
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,15 @@ def test_small_file_with_large_counts_raises_without_allocation(tmp_path: Path, 
         assert field in str(caught.value) and tracemalloc.get_traced_memory()[1] < 20e6
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(("stride_B", "offset_B", "fits"), [(0, 0, 3), (0, 12, 2), (0, 13, 1), (16, 0, 2), (24, 0, 2)])
+def test_elements_of_an_accessor_lie_in_its_view(stride_B: int, offset_B: int, fits: int) -> None:
+    for count, refused in ((0, False), (fits, False), (fits + 1, True)):
+        more = {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": count, "byteOffset": offset_B}
+        tree = gltf(bufferViews=[VIEW | {"byteStride": stride_B}]) | {"accessors": [more]}
+        with pytest.raises(MeshError, match=f"{count} elements") if refused else nullcontext():
+            check_gltf(json.dumps(tree).encode(), False, "a.gltf", 10**9)
 
 
 def test_accessor_without_data_is_read(tmp_path: Path) -> None:

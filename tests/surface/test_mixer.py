@@ -11,16 +11,19 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.mixer import limit
 from hapscene.surface.surface_arrays import build_surface
+from hapscene.surface.swatch import Swatch
 
 
-def limited(f_W_N, a_m_s2=(0.0, 0.0, 0.0), last_N=(0.0, 0.0, 0.0), swatch=0, **limits):
+def limited(f_W_N, a_m_s2=(0.0, 0.0, 0.0), last_N=(0.0, 0.0, 0.0), swatch=0, other=-1, **limits):
     """Force, acceleration and flags of a tick of 1 ms that adds up to these."""
     scene = Scene()
     scene.add(trimesh.creation.box(), unit="m")
+    scene.swatch_index(Swatch("heavy"))
     surface = build_surface(scene, [], 1e-3, 3000.0, Limits(**limits))
+    surface.fold_mass_kg[1] *= 3.0
     total, touch, memory = surface.total[0], surface.touch[0], surface.memory[0]
     total.f_W_N[:], total.a_m_s2[:3], memory.f_W_N[:] = f_W_N, a_m_s2, last_N
-    touch.swatch, touch.nhat_W[:] = swatch, (0.0, 0.6, 0.8)
+    touch.swatch, touch.other, touch.weight, touch.nhat_W[:] = swatch, other, 0.25, (0.0, 0.6, 0.8)
     flags = limit(surface)
     np.testing.assert_array_equal(memory.f_W_N, total.f_W_N)  # what the next tick's change is counted from
     return total.f_W_N.copy(), total.a_m_s2[:3].copy(), Flag(int(flags))
@@ -36,10 +39,13 @@ def test_samples_are_clipped():
     assert a.tolist() == [2.0, -2.0, 0.5] and flags == Flag.ACCELERATION_LIMITED
 
 
-@pytest.mark.parametrize(("swatch", "folded_N"), [(0, 0.1 * 1.0 / 3.0), (-1, 0.0)])
-def test_acceleration_is_folded_into_the_force(swatch, folded_N):
+@pytest.mark.parametrize(
+    ("swatch", "other", "folded_N"), [(0, -1, 0.1 / 3.0), (-1, -1, 0.0), (0, 1, 0.15 / 3.0), (1, 0, 0.25 / 3.0)]
+)
+def test_acceleration_is_folded_into_the_force(swatch, other, folded_N):
     """The mean of the samples as they are cut, times the mass; nothing before anything was touched."""
-    f, _, flags = limited((1.0, 0.0, 0.0), (3.0, -1.0, 0.0), swatch=swatch, fold_mass_kg=0.1, acceleration_m_s2=2.0)
+    on = {"swatch": swatch, "other": other}
+    f, _, flags = limited((1.0, 0.0, 0.0), (3.0, -1.0, 0.0), fold_mass_kg=0.1, acceleration_m_s2=2.0, **on)
     np.testing.assert_allclose(f, (1.0, 0.6 * folded_N, 0.8 * folded_N), rtol=1e-12)
     assert flags == Flag.ACCELERATION_LIMITED
 

@@ -88,9 +88,6 @@ WARM: Final = 0.9
 """Motor temperature at which the torque limit starts to fall, to the continuous torque at 1 [1]. Closer to 1, the force
 would drop perceptibly."""
 
-WANTED_MAX_N: Final = 1e6
-"""Limit of a commanded force, before it is scaled to the torque of the motors [N]."""
-
 _FORCE_NOT_FINITE = int(OmniFlag.FORCE_NOT_FINITE)
 _TORQUE_LIMITED = int(OmniFlag.TORQUE_LIMITED)
 _HOT = int(OmniFlag.HOT)
@@ -191,16 +188,13 @@ def hold_omni(omni: np.record, x_N: float, y_N: float, z_N: float) -> None:
     scaled.
     """
     omni.trouble = 0
-    if not (math.isfinite(x_N) and math.isfinite(y_N) and math.isfinite(z_N)):
-        omni.trouble |= _FORCE_NOT_FINITE
-        x_N, y_N, z_N = 0.0, 0.0, 0.0
-    size = max(abs(x_N), abs(y_N), abs(z_N))
-    if size > WANTED_MAX_N:
-        x_N, y_N, z_N = x_N / size * WANTED_MAX_N, y_N / size * WANTED_MAX_N, z_N / size * WANTED_MAX_N
     R, q = omni.R_WD, _encoded(omni)
     f0 = R[0, 0] * x_N + R[1, 0] * y_N + R[2, 0] * z_N
     f1 = R[0, 1] * x_N + R[1, 1] * y_N + R[2, 1] * z_N
     f2 = R[0, 2] * x_N + R[1, 2] * y_N + R[2, 2] * z_N
+    if not (math.isfinite(f0) and math.isfinite(f1) and math.isfinite(f2)):
+        omni.trouble |= _FORCE_NOT_FINITE
+        f0, f1, f2 = 0.0, 0.0, 0.0
     turns = turns_at(q[0], q[1], q[2])
     J = lever(turns)
     if abs(leverage(turns)) < SINGULAR:

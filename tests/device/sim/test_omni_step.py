@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.native import INTERPRETED
-from hapscene.device.sim.hand import HAND
 from hapscene.device.sim.omni import Omni, advance_omni, hold_omni, read_omni, tip_omni
 from hapscene.device.sim.omni_kinematics import (
     ELBOW_RAD,
@@ -35,19 +34,11 @@ from hapscene.device.sim.omni_step import (
     slopes_at,
     slow,
 )
-from hapscene.records import records
+from tests.device.sim.test_omni import ORIGIN, hand
 
 FREE = Omni(friction_N=0.0, damping_Ns_m=0.0, damping_ratio=0.0, gravity=False, resolution_m=0.0)
-ORIGIN = (0.0, 0.0, 0.0)
 SHORT = 5 if INTERPRETED else 1
 """Divides the length of runs."""
-
-
-def hand(**fields: Any) -> Any:
-    row = records(1, HAND)
-    for name, value in fields.items():
-        row[name] = value
-    return row
 
 
 def potential_J(q: ArrayLike) -> float:

@@ -11,6 +11,10 @@ from hapscene.errors import HandleError
 from hapscene_plugins.devices.audio import BUFFERS_S, DRIVER, AudioHandle
 
 
+def opened(**options: Any) -> AudioHandle:
+    return AudioHandle(**DRIVER.read_options(options))
+
+
 class FakeSound:
     """As much of sounddevice as the handle uses."""
 
@@ -64,11 +68,11 @@ def test_the_output_is_found_by_name(
     cards: Any, options: dict[str, str], number: int, columns: list[int], count: int
 ) -> None:
     sound = cards(HEADPHONES, PAD)
-    handle = AudioHandle(**options)
+    handle = opened(**options)
     assert (sound.opened["device"], handle._columns, sound.opened["channels"]) == (number, columns, count)
     handle.close()
     handle.close()
-    assert handle.latency_s == BUFFERS_S[0] and not handle.fault
+    assert handle.latency_s == BUFFERS_S[0] and not handle.fault and sound.opened["blocksize"] == 0
 
 
 @pytest.mark.parametrize(
@@ -87,12 +91,12 @@ def test_an_output_that_cannot_be_opened_is_an_error(
 ) -> None:
     cards(*there)
     with pytest.raises(HandleError, match=words):
-        AudioHandle(**options)
+        opened(**options)
 
 
 def test_an_error_in_the_callback_plays_silence_and_is_reported(cards: Any) -> None:
     sound = cards(HEADPHONES)
-    handle = AudioHandle(buffer_s=0.05)
+    handle = opened(buffer_s=0.05)
 
     def pull(out: np.ndarray) -> None:
         out[:] = 1.0
@@ -108,7 +112,7 @@ def test_an_error_in_the_callback_plays_silence_and_is_reported(cards: Any) -> N
 @pytest.mark.parametrize("buffer_s", [0.0, 0.05])
 def test_the_default_buffer_grows_after_underruns_and_reports_its_latency(cards: Any, buffer_s: float) -> None:
     sound, latencies_s, faded = cards(HEADPHONES), [], []
-    handle = AudioHandle(buffer_s=buffer_s)
+    handle = opened(buffer_s=buffer_s)
     handle._feed = SimpleNamespace(pull=lambda out: out.fill(0.5), fade_in=lambda: faded.append(True))
     for underflow in (False, True, True, True, True):
         out = np.zeros((64, 2), np.int16)
@@ -124,7 +128,7 @@ def test_the_default_buffer_grows_after_underruns_and_reports_its_latency(cards:
 
 def test_a_disconnected_card_is_reported(cards: Any) -> None:
     sound = cards(HEADPHONES)
-    handle = AudioHandle()
+    handle = opened()
     sound.opened["finished_callback"]()
     assert handle.fault.startswith("USB Headphones: ")
 
@@ -138,7 +142,7 @@ def test_without_portaudio_the_error_names_the_package(monkeypatch: pytest.Monke
     monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
     with pytest.raises(HandleError, match="apt-get install libportaudio2"):
-        AudioHandle()
+        opened()
     (found,) = DRIVER.find()
     assert found.trouble and "libportaudio2" in found.remedy
 

@@ -84,6 +84,42 @@ def test_the_newest_of_many_answers_counts(wire: tuple[int, Any]) -> None:
     assert device.state.p_DT_m[0, 1] == pytest.approx(place_of(130.0), abs=1e-7)
 
 
+def test_torques_of_the_force(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    first, second = np.radians((121.0, 65.0))
+    os.write(board, ANSWER.pack(ID, 65.0, 121.0))
+    device.read()
+    p = forward((first, second), HARDWARE["v3"].base_m)
+    np.testing.assert_allclose(device.state.p_DT_m[0], (0.019 - p[0], MIDDLE_M - p[1], 0.0), atol=1e-6)
+    for f_D_N, ready, f_H_N in (
+        ((0.2, -0.3, 5.0), 1, (-0.2, 0.3)),
+        ((0.2, -0.3, 5.0), 0, (0.0, 0.0)),
+        ((np.nan, 0.0, 0.0), 1, (0.0, 0.0)),
+        ((0.0, np.inf, 0.0), 1, (0.0, 0.0)),
+    ):
+        device.state.f_D_N, device.state.ready = f_D_N, ready
+        device.write()
+        sent = TORQUES.unpack(os.read(board, 4096))[:1:-1]
+        np.testing.assert_allclose(sent, arm_torques(f_H_N, p, (first, second), HARDWARE["v3"].base_m), atol=1e-6)
+
+
+def test_implausible_angles_are_not_used(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    for message, count in (
+        (answer(121.0), 1),
+        (ANSWER.pack(ID, 58.0, 142.0), 1),  # the first arm jumps by 21°
+        (answer(140.9), 2),
+        (ANSWER.pack(ID, 721.0, 140.0), 2),  # beyond two turns
+        (ANSWER.pack(ID + 1, 40.0, 140.0), 2),
+        (answer(np.nan), 2),
+    ):
+        os.write(board, message)
+        device.read()
+        assert device.state.count[0] == count
+        device.write()  # after which the answers start afresh
+    assert device.state.p_DT_m[0, 1] == pytest.approx(place_of(140.9), abs=1e-7)
+
+
 def test_answers_arrive_in_parts_and_start_afresh_after_random_bytes(wire: tuple[int, Any]) -> None:
     board, device = wire
     for octet in answer(121.0):

@@ -1,15 +1,8 @@
-"""WoodenHaptics: reports as published, its geometry, its watchdog."""
+"""WoodenHaptics: times on the bus."""
 
 import time
 
-import numpy as np
-
-from hapscene_plugins.devices.woodenhaptics import (
-    DRIVER,
-    body_angles,
-    currents,
-    forward,
-)
+from hapscene_plugins.devices.woodenhaptics import DRIVER
 from tests.until import until
 
 
@@ -19,18 +12,6 @@ def turn(device, count: int, *f_D_N: float) -> None:
         device.state.f_D_N = f_D_N
         device.write()
         time.sleep(1e-3)
-
-
-def test_place_current_and_watchdog_on_the_wire(emulate) -> None:
-    woody = emulate("woodenhaptics")
-    with DRIVER.open(homed=True, backend="usb_wire") as device:
-        turn(device, 20, 0.0, 0.0, 2.0)
-        x, y, z = forward(body_angles((500, -4000, 1000)))
-        np.testing.assert_allclose(device.state.p_DT_m[0], (y, -x, z))
-        last = woody.rows()[-1]
-        assert tuple(last[1:4]) == currents((0.0, 0.0, 2.0), body_angles((500, -4000, 1000)), (1.0, -1.0, -1.0))
-        until(lambda: not any(woody.rows()[-1][1:4]))
-        assert 0.45e9 < woody.rows()[-1][0] - last[0] < 0.7e9
 
 
 def test_ticks_do_not_wait_for_the_bus(emulate) -> None:

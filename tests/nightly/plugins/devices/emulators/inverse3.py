@@ -13,30 +13,18 @@ from websockets.server import ServerProtocol
 class Service(Emulator):
     def __init__(self):
         super().__init__()
-        self.values = 0.0  # the old spelling is the one that is understood
-        self.events = 0.0
-        self.wireless = 0.0
-        self.moved = 0.0  # a transform that is not the identity
-        self.buttons = 0.0
-        self.x, self.speed = 0.06, 0.0
+        self.x = 0.06
         self.force = {"x": 0.0, "y": 0.0, "z": 0.0}
 
     def state(self, whole):
         p = {"x": self.x, "y": -0.13, "z": 0.16}
-        v = {"x": self.speed, "y": 0.0, "z": 0.0}
+        v = {"x": 0.0, "y": 0.0, "z": 0.0}
         entry = {"device_id": "05DA", "state": {"cursor_position": p, "current_cursor_force": self.force}}
         entry["state"]["cursor_velocity"] = v
-        entry["state"]["transform"] = {"scale": {"x": 2.0, "y": 2.0, "z": 2.0}} if self.moved else {}
         entry["status"] = {"calibrated": bool(self.ready), "ready": True, "power_supply": True, "in_use": True}
         if whole:
             entry["config"] = {"torque_scaling": {"enabled": True}}
-        orientation = {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}
-        if self.wireless:
-            pressed = {name: bool(int(self.buttons) >> i & 1) for i, name in enumerate("abc")}
-            grips = {"wireless_verse_grip": [{"state": {"buttons": pressed, "orientation": orientation}}]}
-        else:
-            grips = {"verse_grip": [{"state": {"button": bool(self.buttons), "hall": 3, "orientation": orientation}}]}
-        return json.dumps({"session_id": 1, "inverse3": [entry], **grips})
+        return json.dumps({"session_id": 1, "inverse3": [entry]})
 
     def handle(self, wire):
         """Answer the messages of a connection, one after the other; threads of websockets would delay the driver."""
@@ -77,10 +65,8 @@ class Service(Emulator):
         command = json.loads(content)["inverse3"][0]
         assert command["device_id"] == "05DA"
         force = command["commands"]["set_cursor_force"]
-        self.force = force.get("values" if self.values else "vector", {"x": 0.0, "y": 0.0, "z": 0.0})
+        self.force = force["vector"]
         self.log(*self.force.values())
-        if self.events:
-            self.send(wire, json.dumps({"name": "stall", "category": "safety", "level": "info", "data": {}}))
         if not self.silent:
             self.send(wire, self.mangle(self.state(False).encode()).decode("latin-1"))
 

@@ -230,6 +230,7 @@ def test_a_bad_frame_gives_no_force_and_no_state(desk, device):
             device.read()
 
 
+@pytest.mark.nightly
 def test_mutated_returns(desk, device):
     """10⁵ frames of NaN, infinite and huge numbers, unknown errors and calibrations: never a force."""
     tick = BoundCall(push, (device.state, np.array([1.0, 0.0, 0.0, 0.0])))
@@ -353,6 +354,7 @@ time.sleep(0.02)
     subprocess.run([sys.executable, "-c", code], env=environment, stderr=subprocess.DEVNULL, timeout=120)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("way", WAYS_OUT)
 def test_force_is_zero_after_release(desk, way):
     """Seen by the desk, which outlives the process."""
@@ -363,6 +365,7 @@ def test_force_is_zero_after_release(desk, way):
     assert (desk.started, desk.disabled) == (0, 1)
 
 
+@pytest.mark.nightly
 def test_release_gives_zero_to_a_device_whose_driver_was_killed(desk):
     lay(desk)
     end_by("os.kill(os.getpid(), signal.SIGKILL)")

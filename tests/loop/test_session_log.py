@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hapscene
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError
 from hapscene.loop import SessionLog
+from hapscene.loop.checkpoint import restore_checkpoint
 from hapscene.loop.session_log import NUMBERS_FILE, STORY_FILE, note_order, replay_log, write_log
 from tests.loop.test_servo import MASS, make_scene
 from tests.virtual_servo import VirtualServo
@@ -54,6 +56,7 @@ def test_log_without_contact_points_is_read(log_folder: Path, tmp_path: Path) ->
     assert np.array_equal(log.rows["p_WC_m"], log.rows["p_WP_m"]) and log.rows["p_WC_m"].any()
 
 
+@pytest.mark.nightly
 def test_untrusted_log_is_replayed_in_a_separate_process(log_folder: Path, tmp_path: Path) -> None:
     again = replay_log(log_folder)
     assert len(again.unlike) == 0 and again.reason == SessionLog.load(log_folder).reason != ""
@@ -70,6 +73,12 @@ def test_changed_force_is_detected_at_its_tick(log_folder: Path) -> None:
     at = log.rows.shape[1] - 50
     log.rows["f_W_N"][0, at, 2] = np.nextafter(log.rows["f_W_N"][0, at, 2], 9.0)
     assert log.replay().unlike.tolist() == [log.first + at]
+
+
+def test_checkpoint_of_another_scene_is_refused(log_folder: Path) -> None:
+    renderer, memory = hapscene.Renderer(make_scene(), ["wall"]), SessionLog.load(log_folder).memory
+    with pytest.raises(HapsceneError, match="the checkpoint has"):
+        restore_checkpoint(renderer.world, renderer.surface, memory)
 
 
 def test_log_with_a_deformation_cannot_be_replayed(log_folder: Path, tmp_path: Path) -> None:
@@ -140,6 +149,7 @@ def test_invalid_log_is_rejected_in_one_line(log_folder: Path, damage: str, tmp_
     assert str(folder) in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root mounts a full disk")
 def test_full_disk_is_reported(log_folder: Path, tmp_path: Path) -> None:
     full = tmp_path / "full"

@@ -201,6 +201,7 @@ def test_disconnected_device_is_reported(desk, device, function, act):
             getattr(device, act)()
 
 
+@pytest.mark.nightly
 def test_mutated_returns(desk, device):
     """10⁵ returns of NaN, infinite and huge numbers, failures, statuses: no force after a bad one."""
     library = ctypes.CDLL(emulator("dhd"))
@@ -244,6 +245,7 @@ def test_no_device(desk):
     assert (desk.started, desk.disabled) == (0, 1)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("way", ["raise ValueError('seen')", "sys.exit(3)", "os.kill(os.getpid(), signal.SIGKILL)"])
 def test_force_is_zero_after_release(desk, way):
     """Seen by the desk, which outlives the process: by the driver, or by the device's watchdog."""
