@@ -136,17 +136,6 @@ def test_planes_that_a_ray_met_are_trusted_until_the_proxy_moves():
         assert proxy.met[:3].tolist() == met
 
 
-def test_planes_follow_their_body(world, triangle, turned):
-    w = world(triangle)
-    proxy, body = w.proxy[0], w.bodies[0]
-    body.R_WB, body.p_WB_m = turned, (0.1, -0.2, 0.3)
-    for side in (1.0, -1.0):
-        proxy.side[0] = side
-        planes.update_plane(w, 0)
-        np.testing.assert_allclose(proxy.nhat_W[0], side * turned[:, 2], atol=1e-15)
-        assert np.isclose(proxy.offset_m[0], side * turned[:, 2] @ (0.1, -0.2, 0.3), atol=1e-15)
-
-
 def test_planes_of_faces_that_do_not_extend_below_the_proxy_are_dropped(world, triangle):
     w = world(triangle)
     proxy = w.proxy[0]
