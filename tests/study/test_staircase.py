@@ -7,8 +7,6 @@ import pytest
 
 from hapscene.study.trial_order import Staircase
 
-pytestmark = pytest.mark.nightly
-
 LEVELS = np.geomspace(0.25, 8.0, 32)
 
 
@@ -26,6 +24,7 @@ def run(threshold: float, slope: float, lapse: float, seed: int) -> Staircase:
     return staircase
 
 
+@pytest.mark.nightly
 def test_a_known_threshold_is_found() -> None:
     """Eight people; one of them is 8 % off at the median (the long test below), their mean a third of that."""
     found = [run(2.0, 3.5, 0.02, seed) for seed in range(8)]

@@ -24,8 +24,6 @@ from hapscene.study.statistics import (
 from .people import Truth, simulate
 from .plans import TEXT
 
-pytestmark = pytest.mark.nightly
-
 
 def test_mean_has_students_interval() -> None:
     values = [1.0, 2.0, 4.0, 3.5]

@@ -17,8 +17,6 @@ from .test_statistics import PLAN, folder
 
 __all__ = ["folder"]  # fixtures
 
-pytestmark = pytest.mark.nightly
-
 
 def text_of(page: str) -> str:
     return " ".join(unescape(re.sub("<[^>]*>", " ", re.sub(r"(?s)<(style|svg).*?</\1>", " ", page))).split())

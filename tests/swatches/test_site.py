@@ -19,8 +19,6 @@ from hapscene.swatches import site as static_site
 from hapscene.swatches.library import add, entry_of, load_swatch, own_entries
 from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
 
-pytestmark = pytest.mark.nightly
-
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
 
@@ -67,6 +65,7 @@ def address(site: Path) -> Iterator[str]:
     server.server_close()
 
 
+@pytest.mark.nightly
 def test_get_from_a_web_server(
     address: str, sources: list[static_site.Source], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

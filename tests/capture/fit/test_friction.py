@@ -10,8 +10,6 @@ from hapscene.capture.io.streams import Streams, clean
 from ..natural_strokes import dragged
 from ..signals import fit, noisy
 
-pytestmark = pytest.mark.nightly
-
 
 def part(acceleration, rate_Hz, *streams, **named):
     channels = clean(acceleration, rate_Hz, *streams, **named)
@@ -146,6 +144,7 @@ def test_static_friction_needs_rest_and_force():
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_stick_slip_gives_friction_and_no_texture():
     """37 ms of rest, 23 ms of a slip."""
     rng, rate, count, fine = np.random.default_rng(0), 5000.0, 12_500, 8

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.segment import segment
+from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.fit.stiffness import Stiffness
-from hapscene.capture.fit.swatch import FitOptions, fit_recordings, prepare
+from hapscene.capture.fit.swatch import FitOptions, fit_recordings, prepare, recorded_ranges
+from hapscene.capture.fit.windows import EXPONENT_SPREADS
 from hapscene.capture.io.recording import SurfaceRecording
-from hapscene.capture.io.streams import clean
+from hapscene.capture.io.streams import Streams, clean
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 
@@ -20,7 +21,6 @@ def fitted(truth, part=slice(None), **options):
     return fit(truth.acceleration_m_s2[part], truth.rate_Hz, **named, **options)
 
 
-@pytest.mark.nightly
 def test_a_recording_of_all_quantities(handled_recording):
     truth = handled_recording(0)
     swatch = fitted(truth, name="oak")
@@ -33,6 +33,9 @@ def test_a_recording_of_all_quantities(handled_recording):
     silent |= {"friction_static.interval", "friction_dynamic.interval", "stiffness_N_m.interval"}  # too few strokes
     assert swatch.absent.keys() == {"friction_stribeck", "damping_Ns_m"} | silent
     assert swatch_from_json(swatch_to_json(swatch)) == swatch
+    for i, (exponent, spread) in enumerate(zip(swatch.texture.exponents, EXPONENT_SPREADS, strict=True)):
+        low, high = swatch.intervals[f"texture.exponents[{i}]"]
+        assert 0.0 < high - low <= 2.0 * 1.96 * spread and low + high == pytest.approx(2.0 * exponent)
     # the texture is that of the sliding alone: neither taps nor rest are in its level
     sliding = clean(truth.acceleration_m_s2, truth.rate_Hz).acceleration_m_s2[truth.states == 2]
     assert abs(10 * np.log10(swatch.texture.power(np.array([1.5]), np.array([0.15]))[0] / sliding.var())) < 0.5
@@ -73,6 +76,15 @@ def test_recordings_are_pooled_as_one(handled_recording):
         fit_recordings([parts[0], (other, segment(other))])
     with pytest.raises(CaptureError):
         fit_recordings([])
+
+
+def test_ranges_are_those_of_the_sliding():
+    states = np.repeat([InteractionState.AIR, InteractionState.SLIDING], 500).astype(np.int8)
+    angle_rad = np.full(1000, np.radians(30.0))
+    streams = Streams(1e3, *np.ones((4, 1000)), grip_force_N=np.linspace(0.0, 10.0, 1000), contact_angle_rad=angle_rad)
+    sliding, air = (Segmentation(1e3, kind, (), None, None) for kind in (states, states[:500].repeat(2)))
+    assert recorded_ranges([(streams, sliding)]) == "grip force 5.25 to 9.75 N, contact angle 30°"
+    assert recorded_ranges([(streams, air)]) == "grip force 0.5 to 9.5 N, contact angle 30°"
 
 
 def test_stiffness_that_was_fitted_with_damping_is_not_absent(monkeypatch):

@@ -17,8 +17,6 @@ from hapscene.surface.texture import INTERPOLATIONS, Texture
 from hapscene.swatches.library import load_swatch, shipped_swatches
 from hapscene_plugins.effects.lpc_texture import EFFECT, choose
 
-pytestmark = pytest.mark.nightly
-
 EDGES_HZ = np.geomspace(20.0, 1000.0, 9)
 
 
@@ -85,6 +83,7 @@ def test_the_table_of_the_effect_equals_the_texture(swatch: Swatch) -> None:
     assert np.median(level) < 0.05 and np.max(level) < 0.7
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", shipped_swatches())
 @pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0])
 def test_resampling_preserves_the_power(name: str, rate_Hz: float) -> None:

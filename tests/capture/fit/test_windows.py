@@ -10,8 +10,6 @@ from hapscene.capture.io.streams import clean
 
 from ..signals import fit
 
-pytestmark = pytest.mark.nightly
-
 
 def pieces(force_N, speed_m_s, power, seed=0):
     rng = np.random.default_rng(seed)
@@ -43,6 +41,7 @@ def test_the_mean_power_is_preserved():
     assert fit_level(part)(part.force_N, part.speed_m_s).mean() == pytest.approx(np.mean(part.acceleration_m_s2**2))
 
 
+@pytest.mark.nightly
 def test_extrapolation_to_other_forces_and_speeds():
     """Fitted to slow and light strokes, compared with faster and firmer ones; power proportional to F v."""
     rng, rate = np.random.default_rng(3), 2000.0
@@ -57,6 +56,7 @@ def test_extrapolation_to_other_forces_and_speeds():
     assert 10 * np.log10(corner[1] / corner[0]) == pytest.approx(10 * np.log10(1.15 * 0.115 / 0.85 / 0.085), abs=0.7)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["leather", "paper", "wood"])
 def test_power_on_the_held_out_half(name, shared):
     """Both directions; the halves of wood differ by 0.9 dB because of force and speed."""

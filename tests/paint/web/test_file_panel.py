@@ -14,8 +14,6 @@ from hapscene.paint.web.page import Page
 from ..conftest import make_scene
 from ..tab import Tab
 
-pytestmark = pytest.mark.nightly
-
 
 def said(tab: Tab, text: str) -> None:
     """Wait until the page said so."""

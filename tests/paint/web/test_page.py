@@ -38,8 +38,6 @@ from hapscene.swatches.library import add, own_entries
 from ..conftest import make_scene
 from ..tab import Tab
 
-pytestmark = pytest.mark.nightly
-
 TOP = (0.01, 0.0, 0.02)
 """On top of the ball."""
 
@@ -396,6 +394,7 @@ def check_saves_and_loads(page: Page, folder: Path) -> None:
     hapscene.Renderer(loaded, effects=["wall"])
 
 
+@pytest.mark.nightly
 def test_random_events_leave_a_scene_that_saves_and_loads(page: Page, tab: Tab, tmp_path: Path) -> None:
     shake(page, tab, 400, seed=1)
     check_saves_and_loads(page, tmp_path)
