@@ -160,6 +160,8 @@ def test_swatches_have_the_tables_of_the_effects() -> None:
     for name, swatch in (("wood", load_swatch("wood")), ("loud", loud)):
         np.testing.assert_allclose(shown[name]["table"], table(swatch, ACCELERATION_RATE_HZ), rtol=1e-6)
     assert shown["loud"]["gain"] == 2.0
+    for swatch in shown.values():  # a grain neither tilts nor darkens the surface on average
+        assert swatch["grain"].reshape(-1, 3).mean(axis=0) == pytest.approx(128.0, abs=4.0)
     assert swatch_without_texture()["table"].size == swatch_without_texture()["tap"].size == 0
 
 

@@ -37,6 +37,10 @@ def test_an_open_step_is_one_undo_over_all_bodies(painting: Painting) -> None:
     assert swatches_of(painting) == before and painting.state == state
     assert painting.redo() == "brush, 4 faces" and swatches_of(painting) == painted
     assert painting.redo() is None
+    steps = [*painting.history.done]
+    painting.undo()
+    painting.replay(steps)
+    assert swatches_of(painting) == painted and painting.undo() == "brush, 4 faces" and swatches_of(painting) == before
 
 
 def test_other_edits_end_an_open_step(painting: Painting) -> None:

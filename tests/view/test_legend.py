@@ -28,6 +28,12 @@ def test_layout(count: int) -> None:
     assert not entries[rows.min() :].any() and not (both & ~entries)[:, : width // 3].any()
 
 
+def test_text_is_legible_in_small_pictures() -> None:
+    """Text of 11 pixels at least, else 1.5 % of the width; a row of measures and margins are 3.4 and 1.5 times that."""
+    for width, size in ((640, 11), (1600, 24)):
+        assert Legend([], width, LIGHT).height == round(3.4 * size) + round(1.5 * size)
+
+
 def test_only_used_swatches_are_listed() -> None:
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", swatch=Swatch("under"))

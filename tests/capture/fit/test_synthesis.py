@@ -8,6 +8,7 @@ from scipy.signal import welch
 
 from hapscene.capture import synthesize
 from hapscene.capture.fit import distance as spectral
+from hapscene.capture.fit.synthesis import _Synthesizer
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
 from hapscene.surface.gain_modulation import GainModulation
@@ -146,6 +147,8 @@ def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:
 def test_batches_do_not_change_the_output(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Synthesis in one batch and in many gives the same samples."""
     swatch = modulated(warp=warp)
+    made = _Synthesizer(swatch.texture, 1.0, 0)
+    assert (made.step, made.hold, made.block, made.step_s) == (10, 10, 100, 1e-3)  # 1 ms and 10 ms
     force = np.linspace(0.5, 2.0, 40_000)
     whole = synthesize(swatch, force, np.full(40_000, 0.1))
     monkeypatch.setattr("hapscene.capture.fit.synthesis._BATCH", 7)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.segment import segment
 from hapscene.capture.io.recording import SurfaceRecording
 from hapscene.capture.io.streams import clean
@@ -82,6 +83,13 @@ def test_a_fit_to_a_known_surface_is_usable(swatch: Swatch, recording: SurfaceRe
     held = comparison.held_out
     assert held is not None
     assert held.distance_dB < held.floor_dB and abs(held.level_dB) < 0.4
+    model, first, second = (spectral.band_power(x, held.frequency_Hz) for x in (held.model, held.fitted, held.held_out))
+    for total_dB, band_dB, power in (
+        (held.level_dB, held.band_dB, model),
+        (held.halves_dB, held.halves_band_dB, first),
+    ):
+        assert total_dB == pytest.approx(10.0 * np.log10(power.sum() / second.sum()))
+        assert band_dB == pytest.approx(10.0 * np.log10(power / second))
     assert [row.grade for row in rows(comparison)] == ["good"] * 6
     assert _verdict(swatch, comparison, rows(comparison), "").startswith("usable: ")
 
