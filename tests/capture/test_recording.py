@@ -7,8 +7,8 @@ import pytest
 from scipy.io import savemat, wavfile
 
 from hapscene.capture import load_recording
-from hapscene.capture.io.recording import InterpolatedWarning, dft321, one_axis
-from hapscene.capture.io.streams import clean
+from hapscene.capture.io.recording import CUTOFF_HZ, InterpolatedWarning, dft321, one_axis
+from hapscene.capture.io.streams import clean, filtered
 from hapscene.errors import CaptureError
 
 CSV = "speed,force,accel,friction\n100,2,1,0.5\n200,1,-1,0.25\n"
@@ -211,6 +211,8 @@ def test_a_vibration_in_one_direction_is_recovered():
     for u in ([1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [-0.6, 0.0, -0.8]):
         want = np.sign(np.sum(u)) * np.linalg.norm(u) * AXES[0]
         np.testing.assert_allclose(dft321(np.outer(u, AXES[0])), want, atol=1e-10)
+        passed = filtered(want, RATE_HZ, CUTOFF_HZ, "highpass")
+        np.testing.assert_allclose(one_axis(np.outer(u, AXES[0]), RATE_HZ), passed, atol=1e-9)
     np.testing.assert_allclose(dft321(np.stack([AXES[0]] * 3)), np.sqrt(3) * AXES[0], atol=1e-10)
 
 

@@ -9,8 +9,9 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 
 import hapscene
-from hapscene.paint.model.session import Session
+from hapscene.paint.model.session import FILLS, Session
 from hapscene.paint.web.page import Page
+from hapscene.paint.web.tool_panel import FORCE_N
 from hapscene.paint.web.tools import RADIUS_SHARE
 
 from ..conftest import make_scene
@@ -76,6 +77,41 @@ def test_the_brush_stays_within_its_bounds(page: Page, tab: Tab) -> None:
     for asked, taken in ((0.0, low), (usual, usual), (1e3, high)):
         tools.resize(asked)
         assert tools.radius_m == taken
+
+
+STROKE = {"Size [mm]", "Falloff [%]", "Opacity [%]", "Ignore occlusion"}
+SETTINGS = {
+    "brush": STROKE,
+    "eraser": STROKE,
+    "fill": {"Fill", "Angle [°]"},
+    "box": {"Depth [mm]", "Opacity [%]", "Ignore occlusion"},
+    "sphere": {"Size [mm]", "Opacity [%]", "Ignore occlusion"},
+    "lasso": {"Opacity [%]", "Ignore occlusion"},
+    "touch": {"Force [N]"},
+    "pick": set(),
+}
+
+
+def test_each_tool_shows_its_settings(page: Page, tab: Tab) -> None:
+    names = set().union(*SETTINGS.values())
+
+    def shown() -> set[str]:
+        props = [control["props"] for control in list(tab.controls.values())]
+        return {one["label"] for one in props if one.get("label") in names and one["visible"]}
+
+    for tool, labels in SETTINGS.items():
+        tab.send("tool", name=tool)
+        tab.wait(lambda labels=labels: shown() == labels)
+    step, diameter_mm = tab.control("Size [mm]")["props"]["step"], 2e3 * tab.tools.radius_m
+    assert diameter_mm <= tab.control("Size [mm]")["value"] <= diameter_mm + step <= 1.1 * diameter_mm
+    for label, value in (("Falloff [%]", 25), ("Opacity [%]", 50), ("Angle [°]", 90), ("Depth [mm]", 2.0)):
+        tab.set(label, value)
+    for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all"), ("Ignore occlusion", True)):
+        tab.set(label, value)
+    tab.settle()
+    found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "margin_m", "force_N")]
+    assert found == pytest.approx([0.25, 0.5, np.pi / 2, 0.002, FORCE_N[1]])
+    assert tab.tools.fill == FILLS[1] and tab.tools.ignore_occlusion
 
 
 def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
