@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from hapscene.cli.console import (
+    format_size,
     print_error,
     print_in_place,
     print_lines,
@@ -29,6 +30,11 @@ def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str], monk
     assert (output.out, output.err) == (expected, "hapscene: a b\\x1b\n")
     print_in_place("50\r %")
     assert capsys.readouterr().out == "\r50\\r %\x1b[K"
+
+
+def test_sizes_have_three_digits() -> None:
+    sizes = [format_size(size_B) for size_B in (0, 684, 999.6, 12_345, 65_500_000, 2.5e9)]
+    assert sizes == ["0 B", "684 B", "1 kB", "12.3 kB", "65.5 MB", "2.5 GB"]
 
 
 def test_a_note_waits_for_the_end_of_the_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,14 +1,16 @@
 """Export formats by name and suffix, and invalid targets."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hapscene.errors import SaveConflict, SceneError
 from hapscene.exchange import export_scene, import_scene
-from hapscene.exchange.format_registry import EXPORTS, is_mesh_of
+from hapscene.exchange.format_registry import EXPORTS, _in_library, is_mesh_of
 from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene
+from hapscene.swatches.library import load_swatch
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -52,6 +54,12 @@ def test_mesh_of_the_scene_is_not_replaced(scene: Scene, tmp_path: Path) -> None
     assert not is_mesh_of(made, tmp_path / "other.ply")
     mesh.unlink()
     assert not is_mesh_of(made, mesh)
+
+
+def test_a_swatch_of_the_library_is_known_by_all_its_numbers() -> None:
+    wood = load_swatch("wood")
+    swatches = (wood, replace(wood, stiffness_N_m=1.0), replace(wood, name="unknown"))
+    assert [_in_library(swatch) for swatch in swatches] == [True, False, False]
 
 
 @pytest.mark.parametrize("content", [None, b""])

@@ -7,6 +7,7 @@ from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.stability.rig import Rig
+from hapscene.stability.wall_chart import _label
 from hapscene.stability.z_width import REST_M_S, WORK_J, Point, describe, place, trace, try_wall
 from hapscene.surface.swatch import Swatch
 
@@ -41,6 +42,14 @@ def test_the_omni_is_stable_within_its_limits() -> None:
     steel, felt = points
     assert not steel.stable and steel.capped_stable and steel.capped_N_m < 1000.0
     assert felt.stable and felt.capped_stable and felt.capped_N_m == 200.0
+
+
+def test_many_swatches_at_one_position_share_a_label() -> None:
+    several = [Point(name, 700.0, 0.0, 700.0, 0.0, False, False) for name in "abcde"]
+    felt = Point("felt", 200.0, 0.5, 200.0, 0.5, True, True)
+    labels = [_label(point, [*several, felt]) for point in (*several, felt)]
+    assert labels == ["5 swatches: unstable", "", "", "", "", "felt"]
+    assert _label(several[1], several[:4]) == "b: unstable"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Plots of a touch."""
 
 from dataclasses import fields, replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,17 @@ import pytest
 from PIL import Image
 
 from hapscene.render.recording import Recording
-from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, write_plot
+from hapscene.view.plot import (
+    BOTTOM,
+    LEFT,
+    LEGEND_ROW,
+    RIGHT,
+    TITLE,
+    draw_hand_plot,
+    draw_plot,
+    envelope,
+    write_plot,
+)
 
 
 def test_spectrogram_of_a_sine(recording: Recording) -> None:
@@ -68,6 +79,15 @@ def test_swatch_bar_and_shading(recording: Recording) -> None:
     touched = spans(axes[1].collections[-1])
     assert touched == [pytest.approx(span) for span in ((0.2, 0.25), (0.5, 0.55), (0.8, 1.4), (1.6, 1.9))]
     assert axes[0].get_xlim() == pytest.approx((0.0, 2.0))
+
+
+def test_rows_leave_space_for_their_legends(recording: Recording) -> None:
+    *rows, bar = (ax.get_position() for ax in draw_plot(recording).axes)
+    assert (rows[0].y1, rows[-1].y0) == pytest.approx((1.0 - TITLE - LEGEND_ROW, BOTTOM))
+    assert [above.y0 - below.y1 for above, below in pairwise(rows)] == pytest.approx([LEGEND_ROW] * 4)
+    assert [row.height / rows[1].height for row in rows] == pytest.approx([0.4 / 3, 1.0, 2 / 3, 2 / 3, 2.6 / 3])
+    assert {(row.x0, row.x1) for row in rows} == {(LEFT, RIGHT)}
+    assert bar.bounds == pytest.approx((RIGHT + 0.01, rows[-1].y0, 0.01, rows[-1].height))
 
 
 def test_closed_loop_plot(recording: Recording) -> None:

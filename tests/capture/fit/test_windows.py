@@ -5,8 +5,9 @@ import pytest
 
 from hapscene.capture import load_recording, synthesize
 from hapscene.capture.fit import distance as spectral
-from hapscene.capture.fit.windows import AnalysisWindows, fit_level
-from hapscene.capture.io.streams import clean
+from hapscene.capture.fit.windows import AnalysisWindows, cut, fit_level, pooled
+from hapscene.capture.io.streams import Streams, clean
+from hapscene.errors import CaptureError
 
 from ..signals import fit
 
@@ -15,6 +16,35 @@ def pieces(force_N, speed_m_s, power, seed=0):
     rng = np.random.default_rng(seed)
     signal = rng.standard_normal((len(force_N), 500)) * np.sqrt(power)[:, None]
     return AnalysisWindows(signal, force_N, speed_m_s, np.arange(len(force_N)))
+
+
+def test_windows_are_cut_from_the_middle_of_each_run():
+    """Windows of 0.1 s; windows of two runs are not adjacent, and the rest is omitted at both ends."""
+    rows = np.random.default_rng(0).standard_normal(1000)
+    streams = Streams(1e3, rows, np.ones(1000), np.linspace(0.1, 0.2, 1000), None)
+    found = cut(streams, [(0, 250), (300, 730), (800, 850)])
+    first = [25, 125, 315, 415, 515, 615]
+    np.testing.assert_array_equal(found.acceleration_m_s2, [rows[i : i + 100] for i in first])
+    np.testing.assert_allclose(found.speed_m_s, [streams.speed_m_s[i : i + 100].mean() for i in first])
+    assert found.start.tolist() == [0, 1, 3, 4, 5, 6]
+    both = pooled([found, found[2:]])
+    assert len(both) == 10 and both.start.tolist()[6:] == [11, 12, 13, 14]
+    longer = cut(streams, [(10, 960)])  # one run is used up to less than one sample per window
+    np.testing.assert_array_equal(longer.acceleration_m_s2, rows[12:957].reshape(9, 105))
+    assert len(pooled([found, longer]).acceleration_m_s2[0]) == 100
+    with pytest.raises(CaptureError):
+        cut(streams, [(0, 99)])
+
+
+def test_windows_without_contact_and_outliers_are_omitted():
+    rows, force, speed = np.tile([1.0, -1.0], 1500), np.ones(3000), np.full(3000, 0.1)
+    force[:100], speed[100:200] = 0.01, 0.001
+    rows[200:300] *= 10.0 ** (9.0 / 20.0)  # 9 dB, and 11 dB: an outlier
+    rows[300:400] *= 10.0 ** (11.0 / 20.0)
+    force[400:], speed[400:] = np.repeat([0.5, 1.0], 1300), np.tile(np.repeat([0.05, 0.1], 100), 13)
+    rows[400:] *= force[400:] * speed[400:] * 10.0  # as force and speed demand
+    found = cut(Streams(1e3, rows, force, speed, None))
+    assert found.start.tolist() == [2, *range(4, 30)]
 
 
 @pytest.mark.parametrize("exponent", [(0.0, 0.0), (1.0, 2.0), (0.5, 1.5)])
