@@ -5,14 +5,15 @@ import pytest
 
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.fit.taps import (
+    FADE_S,
     FITTED_MAX,
     OUTLIER,
     WAVE_S,
     MeasuredTap,
     _approach,
     _errors,
+    _wave,
     fit_taps,
-    measure_tap,
     pooled_taps,
     weighted_mean,
 )
@@ -117,16 +118,11 @@ def test_transients_of_a_group_are_averaged():
 
 
 def test_stored_transients_are_faded():
-    """An undamped cosine shows the fades."""
-    rate, count = 10_000.0, 10_000
-    t = np.arange(count) / rate
-    signal = np.where(t >= 0.4, np.sin(2 * np.pi * 200.0 * (t - 0.4)), 0.0)
-    channels = clean(signal + 1e-6 * np.random.default_rng(0).standard_normal(count), rate)
-    wave = measure_tap(channels, (4000, 6000), 0.1).wave_m_s2
+    rate = 10_000.0
+    wave, (rise, fall) = _wave(np.ones(6000), 4000, rate), (round(span_s * rate) for span_s in FADE_S)
     assert len(wave) == round(WAVE_S * rate)
-    parts = [np.abs(part).max() for part in np.split(wave, 10)]
-    assert parts[1:8] == pytest.approx([1.0] * 7, abs=0.15)
-    assert abs(wave[-1]) < 1e-4 and 0.1 < parts[9] < 0.5 and 0.5 < parts[8] < 1.0
+    assert wave[[0, rise - 1]] == pytest.approx([0.5 / rise, 1.0 - 0.5 / rise]) and (wave[rise:-fall] == 1.0).all()
+    assert wave[[-fall, -1]] == pytest.approx([1.0, 0.0], abs=1e-3) and (np.diff(wave[-fall:]) < 0.0).all()
 
 
 def approach(rate=2000.0, *, depth_m=None, speed_m_s=0.1):
