@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.io.streams import Streams, clean, filtered, high_pass_gain, part_of, speed_of
+from hapscene.capture.io.streams import Streams, clean, fill_missing, filtered, high_pass_gain, part_of, speed_of
 from hapscene.errors import CaptureError
 
 RATE_HZ = 2000.0
@@ -35,6 +35,11 @@ def test_high_pass_gain_matches_the_filtered_acceleration() -> None:
     cleaned = clean(impulse, RATE_HZ).acceleration_m_s2
     np.testing.assert_allclose(np.abs(np.fft.rfft(cleaned)), high_pass_gain(8192, RATE_HZ), atol=2e-3)
     assert len(high_pass_gain(8192, RATE_HZ)) == 4097
+
+
+def test_missing_samples_are_interpolated() -> None:
+    stream = np.array([np.nan, 1.0, np.nan, np.nan, 7.0, 2.0, np.nan])
+    assert fill_missing(stream) == 4 and stream.tolist() == [1.0, 1.0, 3.0, 5.0, 7.0, 2.0, 2.0]
 
 
 def test_speed_of_a_circle() -> None:

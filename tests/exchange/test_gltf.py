@@ -38,6 +38,23 @@ def test_trimesh_reads_all_pieces(scene: Scene, tmp_path: Path) -> None:
                 np.testing.assert_allclose(grain.mean(axis=(0, 1)), swatch.albedo_rgb, atol=0.1)
 
 
+def test_tangents_are_unit_vectors_along_the_surface(scene: Scene, tmp_path: Path) -> None:
+    tree, chunk = parse_gltf(export_scene(scene, tmp_path / "desk.glb")[0].read_bytes(), True, "desk.glb")[:2]
+
+    def rows(accessor: int) -> np.ndarray:
+        view = tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]
+        return np.frombuffer(chunk, "<f4", view["byteLength"] // 4, view.get("byteOffset", 0))
+
+    found = [one["attributes"] for mesh in tree["meshes"] for one in mesh["primitives"]]
+    grained = [attributes for attributes in found if "TANGENT" in attributes]
+    assert grained
+    for attributes in grained:
+        normal, tangent = rows(attributes["NORMAL"]).reshape(-1, 3), rows(attributes["TANGENT"]).reshape(-1, 4)
+        np.testing.assert_allclose(np.linalg.norm(tangent[:, :3], axis=1), 1.0, atol=1e-5)
+        np.testing.assert_allclose(np.einsum("ij,ij->i", normal, tangent[:, :3]), 0.0, atol=1e-5)
+        assert (tangent[:, 3] == 1.0).all()
+
+
 def test_extras_have_the_parameters(scene: Scene, tmp_path: Path) -> None:
     tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
     assert tree["nodes"][0]["extras"] == {"hapscene_version": 1}

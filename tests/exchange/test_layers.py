@@ -181,6 +181,10 @@ def test_page_has_the_texture(disc: Scene) -> None:
     ahead, back = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.abs(ahead[:, 0] * back[:, 1] - ahead[:, 1] * back[:, 0]).sum() / 2
     assert area == pytest.approx(2 * (12 * 8 + 8 * 6 + 12 * 6) / 12**2, rel=1e-4)  # of the sides of the box
+    mesh = disc.bodies[0].mesh
+    assert mesh.uv is not None
+    disc.bodies[0].mesh = replace(mesh, uv=mesh.uv + np.float32([5, -7]))  # the picture repeats
+    np.testing.assert_allclose(content_of(html_page(disc, "truck"))["uv"], content["uv"], atol=1e-5)
 
 
 def test_damaged_texture_is_left_out(disc: Scene, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The search for the level of detail of a scene."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,6 +120,22 @@ def test_the_lowest_order_within_the_limit():
     assert orders[0.8] < orders[0.3] < 30
     assert dict(found[0.8].tried)[orders[0.8] - 1] > 0.8
     assert tune.evaluate_swatch(Swatch("plain"), "omni", 1.0).least(1.0) is None
+
+
+def test_a_choice_that_fails_is_repeated_with_a_smaller_margin(monkeypatch):
+    """Twice on the paths of the verification, and once because the test paths differ, which then join it."""
+    limits, drawn, failed = [], [], iter([["a"], ["a"], [], []])
+    monkeypatch.setattr(tune, "_planned", lambda scene, judged, most_jnd: limits.append(dict(most_jnd)) or len(limits))
+    monkeypatch.setattr(tune, "_failed", lambda *arguments: next(failed))
+    comparison = SimpleNamespace(
+        scene=None,
+        drawn=lambda k: drawn.append(k) or k,
+        error=lambda sets, plan: SimpleNamespace(total_jnd=np.array([3.0 if sets == [2] else 2.0])),
+    )
+    plan, unseen, _ = tune._choose(comparison, {"a": None, "b": None}, 2.0, lambda text: None)
+    assert (plan, unseen, drawn) == (4, 3, [1, 2, 3])
+    margins = [*tune.MARGINS[:3], tune.MARGINS[2]]
+    assert limits == [{"a": 2.0 * margin, "b": 2.0 * tune.MARGINS[0]} for margin in margins]
 
 
 def few_paths(patch):

@@ -57,7 +57,8 @@ def test_other_edits_end_an_open_step(painting: Painting) -> None:
 
 def test_step_without_changes_is_not_recorded(painting: Painting) -> None:
     both = {0: np.zeros(12, bool), 1: np.ones(12, bool)}
-    assert painting.paint("fill", both, "paper") == 0 and painting.undo() is None
+    assert painting.paint("fill", both, "paper") == 0 and painting.undo() is None and not painting.changes()
+    assert painting.paint("fill", {0: np.ones(12, bool)}, "paper") == 12 and painting.changes()
 
 
 def test_eraser_restores_the_default_of_each_body(painting: Painting) -> None:
