@@ -65,16 +65,19 @@ def test_amplifier_is_one_pole_averaged_over_a_sample() -> None:
 def test_coil_stays_at_its_stop_and_momentum_is_conserved() -> None:
     plant = replace(Plant(), k_u_N_m=1e-6, b_u_Ns_m=0.0, travel_limit_m=0.002)
     handle = at_rest(plant)
-    dt, momentum, speeds = 1.0 / RATE_HZ, [], []
+    dt, momentum, centre, speeds = 1.0 / RATE_HZ, [], [], []
     velocity = 0.0
     for _ in range(400):
         velocity += dt * move(handle, 3.0)
         x = handle.x
         assert abs(x[2]) <= plant.travel_limit_m
         momentum.append((plant.m_h_kg + plant.m_c_kg) * x[1] + plant.m_c_kg * x[3])
+        centre.append((plant.m_h_kg + plant.m_c_kg) * x[0] + plant.m_c_kg * x[2])
         speeds.append((velocity, x[1]))
     assert handle.hits >= 1 and handle.x[2] == -plant.travel_limit_m
-    assert np.abs(momentum).max() < 1e-6  # no force from outside but a grip of almost nothing
+    assert (
+        np.abs(momentum).max() < 1e-6 and np.abs(centre).max() < 1e-8
+    )  # no force from outside but a grip of almost nothing
     reported, true = np.transpose(speeds)
     assert np.abs(reported - true).max() < 0.02 * np.abs(true).max()  # the knock, too, is in the acceleration
 

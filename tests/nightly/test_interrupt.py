@@ -52,21 +52,6 @@ def test_command_runs_in_another_thread() -> None:
     assert codes == [0]
 
 
-@pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
-def test_first_signal_is_noted_and_second_ctrl_c_interrupts(kind: signal.Signals) -> None:
-    with interrupted_by_ends():
-        with interrupt_noted() as noted:
-            assert not noted()
-            os.kill(os.getpid(), kind)
-            assert noted()
-            for end in ENDS:
-                os.kill(os.getpid(), end)
-            with pytest.raises(KeyboardInterrupt):
-                os.kill(os.getpid(), signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGTERM)
-
-
 def test_interrupted_command_reports_it_and_exits_with_the_signal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

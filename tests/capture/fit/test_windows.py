@@ -33,7 +33,7 @@ def test_windows_are_cut_from_the_middle_of_each_run():
     np.testing.assert_array_equal(longer.acceleration_m_s2, rows[12:957].reshape(9, 105))
     assert len(pooled([found, longer]).acceleration_m_s2[0]) == 100
     with pytest.raises(CaptureError):
-        cut(streams, [(0, 99)])
+        cut(streams, [(100, 199)])
 
 
 def test_windows_without_contact_and_outliers_are_omitted():

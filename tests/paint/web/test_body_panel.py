@@ -39,8 +39,15 @@ def test_buttons_and_fields_do_what_they_say(page: Page, tab: Tab) -> None:
     assert 'aria-selected="true"' in html_of(tab, 'role="tree"') and 'value="ball"' in html_of(tab, "Parent")
     act(tab, "position x", "ball", "123,5")
     assert session.scene.body("ball").X_WB[0, 3] == pytest.approx(0.1235)
+    plate = session.scene.body("plate")
+    middle_m = plate.X_WB[:3, :3] @ plate.mesh.bounds_m.mean(axis=0) + plate.X_WB[:3, 3]
     act(tab, "rotation z", "plate", "30")
     act(tab, "rotation z", "plate", "90")
+    np.testing.assert_allclose(plate.X_WB[:3, :3] @ plate.mesh.bounds_m.mean(axis=0) + plate.X_WB[:3, 3], middle_m)
+    for what, names in (("hide", session.painting.hidden), ("lock", session.painting.locked)):
+        for after in ({"plate"}, set()):
+            act(tab, what, "plate")
+            assert names == after, what
     act(tab, "size x", "plate", "80")
     assert np.ptp(session.scene.body("plate").mesh.bounds_m, axis=0)[0] == pytest.approx(0.08)
     act(tab, "scale", "plate", "1")
