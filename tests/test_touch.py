@@ -16,7 +16,7 @@ from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import MADE, cautions, open_scene, summarise, touch, touch_by_hand, why_nothing
+from hapscene.touch import MADE, cautions, is_model, open_scene, summarise, touch, touch_by_hand, why_nothing
 
 
 @pytest.fixture(scope="module")
@@ -203,3 +203,7 @@ def test_caution_is_one_line_on_standard_error(
     reported = capsys.readouterr()
     assert reported.err.startswith("hapscene: warning: feel.wav is silent") and reported.err.count("\n") == 1
     assert "silent" not in reported.out
+
+
+def test_models_of_mujoco_are_known_by_their_suffix() -> None:
+    assert is_model("arm.XML") and is_model(Path("arm.urdf")) and not is_model("xml.stl")

@@ -85,6 +85,14 @@ def test_estimates_stay_positive_and_bounded() -> None:
         assert (handle.theta_low <= handle.theta).all() and (handle.theta <= handle.theta_high).all()
 
 
+def test_travel_and_estimate_return_after_an_impact() -> None:
+    """The travel with a time constant of 5 s, the estimate after the pause."""
+    handle = new_handle(Plant(), Plant(), "adaptive", RATE_HZ)[0]
+    handle.room, handle.pause = 0.4, 500
+    run(handle, np.zeros(1000), np.zeros((4, 1000)))
+    assert handle.room == pytest.approx(1.0 - 0.6 * np.exp(-0.1 / 5.0), abs=2e-3) and handle.pause == 0
+
+
 def test_estimate_follows_a_changing_grip() -> None:
     handle = new_handle(Plant(), Plant(), "adaptive", RATE_HZ)[0]
     desired = noise(40_000)

@@ -1,5 +1,8 @@
 """Triangles for rendering."""
 
+from fnmatch import fnmatch
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,7 +12,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.view.feel_layer import OPACITY, scene_solids
-from hapscene.view.triangles import Triangles, joined, lathe, moved, tube
+from hapscene.view.offscreen import _has_gpu
+from hapscene.view.triangles import Triangles, joined, lathe, moved, same, tube
 
 
 def _solid(scene: Scene) -> Triangles:
@@ -108,3 +112,16 @@ def test_layers_of_a_textured_body() -> None:
 def surface_of(solid: Triangles) -> float:
     a, b, c = np.moveaxis(solid.corner_m.reshape(-1, 3, 3), 1, 0)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def test_frames_are_the_same_with_the_same_parts_at_the_same_poses() -> None:
+    X, other = np.eye(4), np.diag([1.0, 1.0, 1.0, 2.0])
+    assert same([(0, X), (1, other)], [(0, X.copy()), (1, other)])
+    for shown in ([(0, X)], [(0, X), (2, other)], [(0, X), (1, X)]):
+        assert not same([(0, X), (1, other)], shown)
+
+
+def test_a_device_file_shows_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    for found in ("nvidia0", "renderD128", "null"):
+        monkeypatch.setattr(Path, "glob", lambda folder, kind, found=found: [found] if fnmatch(found, kind) else [])
+        assert _has_gpu() == (found != "null")

@@ -55,8 +55,8 @@ def test_spectra_of_models(axes: list[Any]) -> None:
     for level, (force, speed) in zip(shown, ((1, 0.1), (1, 0.2), (2, 0.1), (2, 0.2)), strict=True):
         density = TEXTURE.density([force], [speed], frequency_Hz=frequency)[0]
         assert level == pytest.approx(10.0 * np.log10(np.maximum(density, 1e-30)))
-    heard = np.concatenate(shown[:3])  # the last one is silent
-    assert axes[0].get_ylim() == pytest.approx((heard.min() - 3.0, heard.max() + 3.0))
+    audible = np.concatenate(shown[:3])  # the last one is silent
+    assert axes[0].get_ylim() == pytest.approx((audible.min() - 3.0, audible.max() + 3.0))
 
 
 def test_spectra_of_halves(axes: list[Any]) -> None:

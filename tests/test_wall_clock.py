@@ -1,0 +1,12 @@
+"""The clock of the system."""
+
+from threading import Event
+
+from hapscene.wall_clock import CLOCK
+
+
+def test_waiting_returns_whether_the_event_is_set() -> None:
+    event, start_s = Event(), CLOCK.now_s()
+    assert not CLOCK.wait(event, 0.0)
+    event.set()
+    assert CLOCK.wait(event, 60.0) and CLOCK.now_s() >= start_s
