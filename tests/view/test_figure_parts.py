@@ -11,8 +11,11 @@ from hapscene.surface.swatch import Swatch
 from hapscene.view.figure_parts import (
     ARROW_LENGTH,
     HEAD,
+    PATH_RADIUS,
+    PROXY,
     SHAFT,
     TOOL,
+    TOOL_LENGTH,
     arrow_ticks,
     make_figure_parts,
 )
@@ -39,6 +42,15 @@ def test_path_tool_and_force(scene: Scene, recording: Recording) -> None:
     assert top == pytest.approx(recording.p_WP_m[900] + (0, 0, ARROW_LENGTH * figure.size_m), abs=1e-9)
     foot = moved(figure.parts[SHAFT], poses[SHAFT]).corner_m
     assert foot[:, 2].min() == pytest.approx(recording.p_WP_m[900, 2], abs=1e-9)
+
+
+def test_tool_proxy_and_arrow_grow_with_the_scene(scene: Scene, recording: Recording) -> None:
+    figure = make_figure_parts(scene, recording, LIGHT, np.array([1999]))
+    tall = {TOOL: TOOL_LENGTH * figure.size_m, PROXY: 6 * PATH_RADIUS * figure.size_m, SHAFT: 1.0, HEAD: 1.0}
+    wide = {PROXY: tall[PROXY], SHAFT: 0.032 * ARROW_LENGTH * figure.size_m, HEAD: 0.1 * ARROW_LENGTH * figure.size_m}
+    for part in (TOOL, PROXY, SHAFT, HEAD):
+        x_m, _, z_m = np.ptp(figure.parts[part].corner_m, axis=0)
+        assert z_m == pytest.approx(tall[part], rel=0.02) and x_m == pytest.approx(wide.get(part, x_m), rel=0.02)
 
 
 def test_arrow_spacing(recording: Recording) -> None:
