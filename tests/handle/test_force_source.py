@@ -50,5 +50,8 @@ def test_its_response_is_that_of_the_model(rate_Hz: float, tolerance: float) -> 
 def test_forces_beyond_the_limits_are_refused() -> None:
     with pytest.raises(HandleError, match=r"7 N.*6\.6 N"):
         quiet(Plant()).play(np.full(10, 7.0))
+    plant, rise = Plant(), 0.5 - 0.5 * np.cos(np.pi * np.arange(10_000) / 10_000)  # slow: the spring carries the force
+    most_N = plant.k_s_N_m * plant.travel_limit_m
+    quiet(plant).play(0.97 * most_N * rise)
     with pytest.raises(HandleError, match="travel"):
-        quiet(Plant()).play(np.full(5000, 3.0))
+        quiet(plant).play(1.03 * most_N * rise)
