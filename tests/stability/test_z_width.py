@@ -7,7 +7,7 @@ from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.stability.rig import Rig
-from hapscene.stability.wall_chart import _label
+from hapscene.stability.study import _label
 from hapscene.stability.z_width import REST_M_S, WORK_J, Point, describe, place, trace, try_wall
 from hapscene.surface.swatch import Swatch
 

@@ -14,7 +14,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from hapscene.errors import ViewError
-from hapscene.paint.web.server import LOOPBACK, SOCKET_PATH, PageServer, host_names
+from hapscene.paint.web.server import LOOPBACK, SOCKET_PATH, PageServer, host_names, own_addresses
 from hapscene.web.listener import refusal_reason
 
 
@@ -50,6 +50,16 @@ def test_address_of_another_machine_is_refused_at_once(host: str) -> None:
     """viser would try a thousand ports, and then wait for ever."""
     with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
         pool.submit(PageServer, host, 0).result(timeout=60)
+
+
+def test_addresses_of_this_computer_are_not_those_of_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    def offline(*arguments: Any) -> None:
+        raise OSError
+
+    found = [(0, 0, 0, "", (address, 0)) for address in ("127.0.1.1", "192.0.2.5", "192.0.2.5", "192.0.2.6")]
+    monkeypatch.setattr(socket.socket, "connect", offline)
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *arguments: found)
+    assert own_addresses() == ["192.0.2.5", "192.0.2.6"]
 
 
 @pytest.fixture(scope="module")
