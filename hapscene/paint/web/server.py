@@ -61,7 +61,8 @@ MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javasc
 HEAD: Final = b"""<link rel="stylesheet" href="/hapscene.css"><script>
 const real = matchMedia.bind(window), load = fetch.bind(window);
 window.matchMedia = (query) => real(query === "(max-width: 36em)" ? "(max-width: 760px)" : query);
-window.fetch = (what, options) => String(what.url ?? what).startsWith("data:image/jpeg") ? new Promise(() => {}) : load(what, options);
+const unused = (what) => String(what.url ?? what).startsWith("data:image/jpeg");
+window.fetch = (what, options) => unused(what) ? new Promise(() => {}) : load(what, options);
 </script><script src="/hapscene.js" type="module"></script>
 <link rel="stylesheet" href="/hapscene-swatch_library.css">
 <script src="/hapscene-swatch_library.js" type="module"></script>
