@@ -344,7 +344,7 @@ def usb(monkeypatch: pytest.MonkeyPatch) -> Usb:
     clock.buffer = made.falcon.clock
     monkeypatch.setattr("hapscene_plugins.devices.falcon.UsbDevice", lambda *which: made)
     monkeypatch.setattr("hapscene_plugins.devices.falcon.CLOCK", clock)
-    monkeypatch.setattr("hapscene_plugins.devices.usb_connection.new_clock", lambda: clock.buffer)
+    monkeypatch.setattr("hapscene_plugins.devices.compiled_connection.new_clock", lambda: clock.buffer)
     return made
 
 
