@@ -8,14 +8,14 @@ import secrets
 import shutil
 import stat
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias
 
 from hapscene.constants import UNITLESS
-from hapscene.errors import FormatError, did_you_mean, printable
+from hapscene.errors import FormatError, printable
 
 if TYPE_CHECKING:
     import zipfile
@@ -26,7 +26,6 @@ __all__ = [
     "Json",
     "check_file",
     "check_file_size",
-    "check_keys",
     "check_memory",
     "check_unpacked",
     "is_unitless",
@@ -460,23 +459,6 @@ def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[
             f"format version {short(found)} is later than {version}, the latest supported version: update hapscene"
         )
     return content
-
-
-def check_keys(where: str, content: object, known: Iterable[str], required: Iterable[str] | None = None) -> None:
-    """Check that an object has only known keys, and all required keys (default: all known keys).
-
-    Raises:
-        FormatError: the check fails; `where` is the location in the file, "" for the whole file.
-    """
-    if not isinstance(content, dict):
-        raise FormatError(f"{where} must be an object, not {short(content)}")
-    prefix, known = f"{where}." if where else "", list(known)
-    for key in content:
-        if key not in known:
-            raise FormatError(f"unknown key {short(prefix + key)}{did_you_mean(key[:100], known)}")
-    for key in known if required is None else required:
-        if key not in content:
-            raise FormatError(f"key {prefix + key!r} is missing")
 
 
 def short(value: object) -> str:

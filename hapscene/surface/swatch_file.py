@@ -9,25 +9,29 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
+import msgspec
 import numpy as np
+from msgspec import Meta
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
-from hapscene.errors import SwatchError, warn
-from hapscene.io.files import Json, check_keys, parse_format, read_bytes, refusing, short, write_whole
+from hapscene.errors import SwatchError, printable, warn
+from hapscene.io.files import Json, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
-from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatch
+from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
 __all__ = [
     "BYTES_MAX",
+    "REASON_MAX",
     "SUFFIX",
     "TEXT_MAX",
+    "Number",
     "SwatchWarning",
-    "is_number",
     "read_swatch",
     "save_swatch",
     "swatch_from_json",
@@ -53,13 +57,24 @@ TEXT_MAX: Final = 100_000
 
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
-_REGIMES: Final = ("other", "dwell_s")
-_LAYERS: Final = ("layers", "layer_by", "layer_at_rad")
+_IGNORED: Final = ("excitation", "other", "dwell_s", "layers", "layer_by", "layer_at_rad")
 _PICTURES: Final = ("albedo_png", "normal_png")
 _MODULATION_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 MEASURED_MAX: Final = 4 * TAP_MAX
 """Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each parameter."""
+
+REASON_MAX: Final = 200
+"""Longest reason in an error message [characters]."""
+
+Number = Annotated[float, Meta(gt=-1e300, lt=1e300)]
+"""A finite number of a file."""
+
+_Index = Annotated[int, Meta(ge=0, lt=1 << 31)]
+_Row = Annotated[list[Number], Meta(max_length=NUMBER_MAX)]
+_Text = Annotated[str, Meta(max_length=TEXT_MAX)]
+_Name = Annotated[str, Meta(max_length=NAME_MAX)]
+_Picture = Annotated[bytes, Meta(max_length=PICTURE_BYTES_MAX)]
 
 
 class SwatchWarning(UserWarning):
@@ -85,7 +100,8 @@ def swatch_to_bytes(swatch: Swatch) -> bytes:
         SwatchError: a text could not be read back.
     """
     for key in _TEXTS:
-        _text(key, getattr(swatch, key))
+        if len(getattr(swatch, key)) > TEXT_MAX:
+            raise SwatchError(f"{key} must be a text of at most {TEXT_MAX} characters")
     return swatch_to_json(swatch).encode("utf-8")
 
 
@@ -172,148 +188,113 @@ def swatch_from_json(data: bytes | str) -> Swatch:
         return _swatch(parse_format(data, "a swatch", FORMAT, VERSION))
 
 
+class _Look(msgspec.Struct, forbid_unknown_fields=True):
+    roughness: Number = Look.roughness
+    size_m: Number = Look.size_m
+    albedo_png: _Picture = b""
+    normal_png: _Picture = b""
+
+
+class _Modulation(msgspec.Struct, forbid_unknown_fields=True):
+    spread: _Row
+    decay_1_s: _Row
+    decay_1_m: _Row
+
+
+class _Taps(msgspec.Struct, forbid_unknown_fields=True):
+    approach_m_s: _Row
+    amplitude_m_s2: _Row
+    frequency_Hz: _Row
+    decay_1_s: _Row
+    wave_m_s2: list[_Row] | None = None
+    wave_rate_Hz: Number = 0.0
+
+
+class _Texture(msgspec.Struct, forbid_unknown_fields=True):
+    rate_Hz: Number
+    force_N: _Row
+    speed_m_s: _Row
+    variance_m2_s4: _Row
+    triangles: list[tuple[_Index, _Index, _Index]]
+    lsf_rad: list[_Row]
+    interpolation: str = "lsf"
+    warp: Number = 0.0
+    exponents: tuple[Number, Number] = (0.0, 0.0)
+    life: _Modulation | None = None
+    # of earlier versions, no longer rendered: the distribution of the noise, a second regime, layers by angle
+    excitation: Any = None
+    other: Any = None
+    dwell_s: Any = None
+    layers: Any = None
+    layer_by: Any = None
+    layer_at_rad: Any = None
+
+
+class _Content(msgspec.Struct, forbid_unknown_fields=True):
+    format: str
+    version: int
+    name: _Text
+    provenance: _Text = ""
+    licence: _Text = ""
+    tool: _Text = ""
+    tip: _Text = ""
+    albedo_rgb: tuple[Number, Number, Number] = Swatch.albedo_rgb
+    stiffness_N_m: Number = Swatch.stiffness_N_m
+    damping_Ns_m: Number = Swatch.damping_Ns_m
+    friction_static: Number = 0.0
+    friction_dynamic: Number = 0.0
+    hunt_crossley_Ns_m2: Number = 0.0
+    friction_stribeck_m_s: Number = 0.0
+    friction_viscous_s_m: Number = 0.0
+    adhesion_N: Number = 0.0
+    breakaway_1_kg: Number = 0.0
+    breakaway_Hz: Number = 0.0
+    breakaway_decay_1_s: Number = 0.0
+    adhesion_range_m: Number = 0.0
+    effects: dict[_Name, dict[_Name, Number]] = {}
+    intervals: Annotated[dict[_Text, tuple[Number, Number]], Meta(max_length=MEASURED_MAX)] = {}
+    absent: Annotated[dict[_Text, _Text], Meta(max_length=MEASURED_MAX)] = {}
+    look: _Look | None = None
+    taps: _Taps | None = None
+    leaving: _Taps | None = None
+    texture: _Texture | None = None
+
+
 def _swatch(content: dict[str, Json]) -> Swatch:
-    sections = ["effects", "intervals", "absent", "taps", "leaving", "texture"]
-    if content["version"] >= 3:
-        sections.append("look")
-    texts = (*_TEXTS, *(TOOL_FIELDS if content["version"] >= 4 else ()))
-    check_keys("", content, ("format", "version", *texts, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
-    fields: dict[str, Any] = {key: _text(key, content[key]) for key in texts if key in content}
-    fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
-    if "albedo_rgb" in content:
-        fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
-    effects = _effects(content.get("effects", {}))
-    effects.get("lpc_texture", {}).pop("angle_deg", None)  # of layers, which are no longer rendered
-    fields["effects"] = effects
-    intervals, absent = (_measured(key, content.get(key, {})) for key in ("intervals", "absent"))
-    fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
-    fields["absent"] = {name: _text(f"absent.{name}", reason) for name, reason in absent.items()}
-    fields |= {key: _taps(key, content.get(key)) for key in ("taps", "leaving")}
-    fields["look"] = _look(content.get("look"))
-    fields["texture"] = _texture(content.get("texture"), content["version"])
-    if any((content.get("texture") or {}).get(key) is not None for key in ("other", "layers")):
+    try:
+        found = msgspec.convert(content, _Content)
+    except msgspec.ValidationError as error:
+        raise SwatchError(printable(str(error), REASON_MAX)) from None
+    for name in (*found.effects, *(param for numbers in found.effects.values() for param in numbers)):
+        if not name.isprintable():
+            raise SwatchError(f"effects: a name must be printable, is {short(name)}")
+    found.effects.get("lpc_texture", {}).pop("angle_deg", None)  # of layers, which are no longer rendered
+    fields = asdict(found) | {"texture": None if found.texture is None else _texture(found.texture)}
+    if found.look is not None:
+        fields["look"] = Look(**asdict(found.look))
+    for key, part in (("taps", found.taps), ("leaving", found.leaving)):
+        if part is not None:
+            wave = None if part.wave_m_s2 is None else _matrix(f"{key}.wave_m_s2", part.wave_m_s2)
+            fields[key] = Taps(**asdict(part) | {"wave_m_s2": wave})
+    if found.texture is not None and (found.texture.other is not None or found.texture.layers is not None):
         warn(
-            f"swatch {fields['name']!r}: a second regime or layers of its texture, written by an earlier version, are "
+            f"swatch {found.name!r}: a second regime or layers of its texture, written by an earlier version, are "
             "ignored; the texture is rendered without them",
             SwatchWarning,
         )
+    del fields["format"], fields["version"]
     return Swatch(**fields)
 
 
-def _look(content: Json) -> Look | None:
-    if content is None:
-        return None
-    check_keys("look", content, ("roughness", "size_m", *_PICTURES), ())
-    fields: dict[str, Any] = {
-        key: _number(f"look.{key}", content[key]) for key in ("roughness", "size_m") if key in content
-    }
-    for key in _PICTURES:
-        text = content.get(key, "")
-        if not isinstance(text, str) or len(text) > 2 * PICTURE_BYTES_MAX:
-            raise SwatchError(f"look.{key} must be a PNG picture as base64 of at most {PICTURE_BYTES_MAX:,} bytes")
-        try:
-            fields[key] = base64.b64decode(text, validate=True)
-        except ValueError:
-            raise SwatchError(f"look.{key} must be a PNG picture as base64, is {short(text)}") from None
-    return Look(**fields)
+def _texture(content: _Texture) -> Texture:
+    fields = {key: value for key, value in asdict(content).items() if key not in _IGNORED}
+    life = fields.pop("life")
+    fields["modulation"] = None if life is None else GainModulation(**asdict(life))
+    fields["lsf_rad"] = _matrix("texture.lsf_rad", content.lsf_rad)
+    return Texture(**fields)
 
 
-def _texture(content: Json, version: int) -> Texture | None:
-    where = "texture"
-    if content is None:
-        return None
-    required = ("rate_Hz", *_TEXTURE_ROWS)
-    known = [*required, "interpolation"]
-    if version == 1:
-        known.append("excitation")  # distribution of the noise, which is inaudible: ignored
-    else:
-        known += ["warp", "exponents", "life", *_REGIMES]
-    if version >= 4:
-        known += _LAYERS
-    check_keys(where, content, known, required)
-    fields: dict[str, Any] = {}
-    for key in _TEXTURE_ROWS:
-        dimensions = 2 if key in ("triangles", "lsf_rad") else 1
-        fields[key] = _array(f"{where}.{key}", content[key], dimensions, whole=key == "triangles")
-    if "exponents" in content:
-        fields["exponents"] = _array(f"{where}.exponents", content["exponents"], 1)
-    fields |= {key: _number(f"{where}.{key}", content[key]) for key in ("rate_Hz", "warp") if key in content}
-    fields["modulation"] = _modulation(f"{where}.life", content.get("life"))
-    return Texture(**fields, interpolation=_text(f"{where}.interpolation", content.get("interpolation", "lsf")))
-
-
-def _modulation(where: str, content: Json) -> GainModulation | None:
-    if content is None:
-        return None
-    check_keys(where, content, _MODULATION_ROWS)
-    return GainModulation(**{key: _array(f"{where}.{key}", content[key], 1) for key in _MODULATION_ROWS})
-
-
-def _taps(where: str, content: Json) -> Taps | None:
-    if content is None:
-        return None
-    check_keys(where, content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
-    fields: dict[str, Any] = {key: _array(f"{where}.{key}", content[key], 1) for key in TAP_ROWS}
-    if "wave_m_s2" in content or "wave_rate_Hz" in content:
-        check_keys(where, content, content, ("wave_rate_Hz", "wave_m_s2"))
-        fields["wave_rate_Hz"] = _number(f"{where}.wave_rate_Hz", content["wave_rate_Hz"])
-        fields["wave_m_s2"] = _array(f"{where}.wave_m_s2", content["wave_m_s2"], 2)
-    return Taps(**fields)
-
-
-def _measured(where: str, content: object) -> dict[str, Json]:
-    """Check a mapping of names of measured parameters."""
-    if not isinstance(content, dict) or len(content) > MEASURED_MAX:
-        raise SwatchError(f"{where} must be an object of at most {MEASURED_MAX} entries")
-    return {_text(f"a name in {where}", name): value for name, value in content.items()}
-
-
-def _effects(content: object) -> dict[str, dict[str, float]]:
-    if not isinstance(content, dict) or not all(isinstance(numbers, dict) for numbers in content.values()):
-        raise SwatchError('effects must be an object of objects, as {"friction": {"bristle_m": 1e-4}}')
-    for name in (*content, *(param for numbers in content.values() for param in numbers)):
-        if not (len(name) <= NAME_MAX and name.isprintable()):
-            raise SwatchError(f"effects: a name must be at most {NAME_MAX} printable characters, is {short(name)}")
-    return {
-        effect: {param: _number(f"effects.{effect}.{param}", value) for param, value in numbers.items()}
-        for effect, numbers in content.items()
-    }
-
-
-def _text(where: str, value: object) -> str:
-    if not isinstance(value, str):
-        raise SwatchError(f"{where} must be a text, is {short(value)}")
-    if len(value) > TEXT_MAX or any("\ud800" <= c <= "\udfff" for c in value):
-        raise SwatchError(f"{where} must be a text of at most {TEXT_MAX} characters that UTF-8 has")
-    return value
-
-
-def is_number(value: Json) -> bool:
-    """Return whether a JSON value is a finite number, excluding true and false; an int can have any size."""
-    return type(value) in (int, float) and -1e300 < value < 1e300
-
-
-def _number(where: str, value: Json) -> float:
-    if not is_number(value):
-        raise SwatchError(f"{where} must be a finite number, is {short(value)}")
-    return float(value)
-
-
-def _array(where: str, value: object, dimensions: int, whole: bool = False) -> NDArray[np.float64]:
-    """Convert nested lists of numbers to an array with this number of dimensions."""
-    rows = value if dimensions == 2 else [value]
-    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise SwatchError(f"{where} must be a list of {'lists of ' if dimensions == 2 else ''}numbers")
-    if len({len(row) for row in rows}) > 1:
-        raise SwatchError(f"{where} must have rows of one length")
-    if sum(map(len, rows)) > NUMBER_MAX:
-        raise SwatchError(f"{where} has more than {NUMBER_MAX} numbers")
-    for i, row in enumerate(rows):
-        for j, number in enumerate(row):
-            if not is_number(number):
-                place = f"{where}[{i}][{j}]" if dimensions == 2 else f"{where}[{j}]"
-                raise SwatchError(f"{place} must be a finite number, is {short(number)}")
-            if whole and (type(number) is not int or not 0 <= number < 1 << 31):
-                raise SwatchError(f"{where}[{i}][{j}] must be the index of a model, is {short(number)}")
-    array = np.array(rows, dtype=np.float64)
-    return array if dimensions == 2 else array[0]
+def _matrix(where: str, rows: list[list[float]]) -> NDArray[np.float64]:
+    if len(set(map(len, rows))) > 1 or sum(map(len, rows)) > NUMBER_MAX:
+        raise SwatchError(f"{where} must have rows of one length, with at most {NUMBER_MAX} numbers")
+    return np.array(rows, np.float64)

