@@ -66,14 +66,11 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "grip_force": _FORCE,
     "contact_angle": _ANGLE,
     "direction": _ANGLE,
-    "orientation": {"1": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},
 }
 """Factor to SI units for each unit of each quantity. "friction" is the ratio of tangential to normal force. "depth"
 increases into the surface. "position" is along the surface; speed is its derivative, and the sliding direction follows
-from its first two axes. "contact_angle" is the angle between the axis of the tool and the surface normal, 0 if upright.
-Without it, the angle is computed from "orientation", the quaternion w, x, y, z of the tool relative to the surface,
-whose z axes are the axis of the tool and the normal."""
+from its first two axes. "contact_angle" is the angle between the axis of the tool and the surface normal."""
 
 
 @dataclass(frozen=True)

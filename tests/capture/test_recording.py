@@ -240,38 +240,33 @@ def test_one_axis_is_unchanged_and_four_are_refused():
 
 
 def test_torque_grip_angle_and_direction(tmp_path: Path) -> None:
-    """The streams are read by name or by column, or computed from orientation and position."""
+    """The streams are read by name or by column, or computed from a position."""
     rng = np.random.default_rng(0)
     count, rate_Hz = 4000, 2000.0
-    lean, heading = np.linspace(0.0, 0.5, count), np.linspace(0.0, 5.0, count)
-    quaternion = np.stack([np.cos(0.5 * lean), *(np.sin(0.5 * lean) * part for part in (0.6, -0.8, 0.0))])
+    heading = np.linspace(0.0, 5.0, count)
     place_m = np.cumsum([np.cos(heading), np.sin(heading)], axis=1) * 0.1 / rate_Hz
     arrays = {
         "acceleration": rng.standard_normal(count), "torque": 30.0 * np.eye(3)[:, :1] + np.zeros((3, count)),
-        "grip": np.full(count, 500.0), "orientation": 2.0 * quaternion, "position": np.vstack([*place_m, 0 * heading]),
+        "grip": np.full(count, 500.0), "contact_angle": np.full(count, 20.0),
+        "position": np.vstack([*place_m, 0 * heading]),
     }  # fmt: skip
     path = tmp_path / "a.npz"
     np.savez(path, rate_Hz=rate_Hz, **arrays)
-    units = {"acceleration": "m/s2", "torque": "mNm", "grip_force": "gf", "position": "m"}
+    units = {"acceleration": "m/s2", "torque": "mNm", "grip_force": "gf", "position": "m", "contact_angle": "deg"}
     recording = load_recording(path, columns={"grip_force": "grip"}, units=units)
     np.testing.assert_allclose(recording.torque_Nm, 0.03)
     np.testing.assert_allclose(recording.grip_force_N, 4.903325)
-    np.testing.assert_allclose(recording.contact_angle_rad, lean, atol=1e-7)
+    np.testing.assert_allclose(recording.contact_angle_rad, np.pi / 9)
     inner = slice(100, -100)
     assert recording.direction_rad is not None and recording.speed_m_s is not None
     off = np.angle(np.exp(1j * (recording.direction_rad - heading)))[inner]
     assert np.abs(off).max() < 1e-3 and np.abs(recording.speed_m_s[inner] - 0.1).max() < 1e-5
     assert "torque_Nm, grip_force_N, contact_angle_rad, direction_rad" in repr(recording)
-    given = arrays | {"contact_angle": np.full(count, 20.0), "direction": np.full(count, 90.0)}
-    np.savez(path, rate_Hz=rate_Hz, **given)
-    recording = load_recording(path, units=units | {"contact_angle": "deg", "direction": "°"})  # columns have priority
-    np.testing.assert_allclose(recording.contact_angle_rad, np.pi / 9)
+    np.savez(path, rate_Hz=rate_Hz, **arrays | {"direction": np.full(count, 90.0)})
+    recording = load_recording(path, units=units | {"direction": "°"})  # a column has priority
     np.testing.assert_allclose(recording.direction_rad, np.pi / 2)
-    np.savez(path, rate_Hz=rate_Hz, **arrays | {"orientation": 0.0 * quaternion})
-    with pytest.raises(CaptureError, match="quaternion"):
-        load_recording(path, units=units)
-    with pytest.raises(CaptureError, match=r"orientation: .*four columns"):
-        load_recording(path, columns={"orientation": "torque_x+torque_y"}, units=units)
+    with pytest.raises(CaptureError, match=r"grip_force: .*one column"):
+        load_recording(path, columns={"grip_force": "torque_x+torque_y"}, units=units)
 
 
 def test_decimal_commas_with_semicolons(tmp_path: Path) -> None:

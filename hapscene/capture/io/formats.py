@@ -210,20 +210,19 @@ _NUMBERS: Final = "fiu"
 
 
 def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
-    """Columns from named arrays: three columns are a vector, four a quaternion; arrays of other shapes are ignored."""
+    """Columns from named arrays: three columns are a vector; arrays of other shapes are ignored."""
     columns: dict[str, Column] = {}
     for name, rows in arrays.items():
         if rows.dtype.kind not in _NUMBERS or rows.size <= 1:
             continue
-        if rows.ndim == 2 and rows.shape[0] in (1, 3, 4) and rows.shape[1] > 4:
+        if rows.ndim == 2 and rows.shape[0] in (1, 3) and rows.shape[1] > 3:
             rows = rows.T
         if rows.ndim == 2 and rows.shape[1] == 1:
             rows = rows[:, 0]
         if rows.ndim == 1:
             columns[name] = rows
-        elif rows.ndim == 2 and rows.shape[1] in (3, 4):
-            axes = ("w", *AXES)[-rows.shape[1] :]
-            columns |= {f"{name}_{axis}": part for axis, part in zip(axes, rows.T, strict=True)}
+        elif rows.ndim == 2 and rows.shape[1] == 3:
+            columns |= {f"{name}_{axis}": part for axis, part in zip(AXES, rows.T, strict=True)}
     rate, own_B = arrays.get("rate_Hz"), sum(array.nbytes for array in arrays.values())
     if rate is not None and (rate.dtype.kind not in _NUMBERS or rate.size != 1):
         raise CaptureError("rate_Hz in the file must be a single number")

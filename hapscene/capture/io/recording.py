@@ -88,11 +88,8 @@ def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
     return made[hop : hop + count]
 
 
-QUATERNION: Final = "orientation"
-"""Quantity with four columns, joined by "+" or with the suffixes _w, _x, _y, _z."""
-
-VECTORS: Final = ("acceleration", "position", "tangential_force", "torque", QUATERNION)
-"""Quantities with up to three columns, joined by "+" or with the suffixes _x, _y, _z; and `QUATERNION`."""
+VECTORS: Final = ("acceleration", "position", "tangential_force", "torque")
+"""Quantities with up to three columns, joined by "+" or with the suffixes _x, _y, _z."""
 
 UNEVEN_MAX: Final = 0.1
 """Largest relative deviation of a time step from the mean step for times to count as evenly spaced [1]."""
@@ -125,9 +122,8 @@ WORDS: Final = {
 class SurfaceRecording:
     """A recording of a tool on a surface: streams in SI units, (n,) each; None for streams that were not recorded.
 
-    `load_recording` combines three axes of acceleration by DFT321, computes speed and direction from positions, the
-    tangential force from a friction ratio, and the contact angle from an orientation. Tangential force and torque are
-    magnitudes.
+    `load_recording` combines three axes of acceleration by DFT321, and computes speed and direction from positions and
+    the tangential force from a friction ratio. Tangential force and torque are magnitudes.
     """
 
     rate_Hz: float
@@ -230,15 +226,13 @@ class _Reader:
 def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> SurfaceRecording:
     """Computes the streams of the recording from the chosen quantities."""
     single = {name: reader.rows(name)[0] for name in _SINGLE if name in chosen}
-    force, speed, angle = (single.get(name) for name in ("force", "speed", "contact_angle"))
-    direction, tangential, torque = single.get("direction"), None, None
+    force, speed, direction = (single.get(name) for name in ("force", "speed", "direction"))
+    tangential = torque = None
     if "position" in chosen and (speed is None or direction is None):
         place = reader.rows("position")
         speed = speed_of(place, rate_Hz) if speed is None else speed
         if direction is None and len(place) > 1:
             direction = direction_of(place[0], place[1], rate_Hz)
-    if angle is None and QUATERNION in chosen:
-        angle = tilt(reader.rows(QUATERNION))
     if "torque" in chosen:
         torque = _magnitude(reader.rows("torque"))
     if "tangential_force" in chosen:
@@ -254,7 +248,7 @@ def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> Surfac
         single.get("depth"),
         torque_Nm=torque,
         grip_force_N=single.get("grip_force"),
-        contact_angle_rad=angle,
+        contact_angle_rad=single.get("contact_angle"),
         direction_rad=direction,
     )
 
@@ -265,19 +259,6 @@ _SINGLE: Final = ("force", "speed", "friction", "depth", "grip_force", "contact_
 def _magnitude(axes: list[Array]) -> Array:
     """Magnitude (n,) of the axes of a vector; a single axis is returned unchanged."""
     return axes[0] if len(axes) == 1 else np.asarray(np.sqrt(sum(axis**2 for axis in axes)))
-
-
-def tilt(quaternion: list[Array]) -> Array:
-    """Angle (n,) [rad], 0 to π/2, by which quaternions w, x, y, z (n,) tilt the z axis.
-
-    Raises:
-        CaptureError: a quaternion has length 0.
-    """
-    square = sum(part**2 for part in quaternion)
-    if not np.all(np.asarray(square) > 0.0):
-        raise CaptureError("orientation: invalid quaternion of four zeros; expected a quaternion of length 1")
-    _, x, y, _ = quaternion
-    return np.asarray(np.arccos(np.minimum(np.abs(1.0 - 2.0 * (x**2 + y**2) / square), 1.0)))
 
 
 def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
@@ -309,13 +290,12 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
                 raise CaptureError(f"no column {part!r}; the file has: {', '.join(names)}")
         chosen[quantity] = parts
     for quantity in UNITS.keys() - chosen.keys():
-        axes = [f"{quantity}_{axis}" for axis in _axes(quantity) if f"{quantity}_{axis}" in names]
+        axes = [f"{quantity}_{axis}" for axis in AXES if quantity in VECTORS and f"{quantity}_{axis}" in names]
         if quantity in names or axes:
             chosen[quantity] = [quantity] if quantity in names else axes
     for quantity, parts in chosen.items():
-        if len(parts) > max(1, len(_axes(quantity))) or (quantity == QUATERNION and len(parts) < 4):
+        if len(parts) > (3 if quantity in VECTORS else 1):
             expected = "at most three columns" if quantity in VECTORS else "one column"
-            expected = "four columns: w, x, y, z" if quantity == QUATERNION else expected
             raise CaptureError(f"{quantity}: {'+'.join(parts)!r} names {len(parts)} columns; expected {expected}")
     numbered = names in (["1"], ["1", "2", "3"] if wave else [])
     if "acceleration" not in chosen and numbered:
@@ -327,11 +307,6 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
             f'give columns={{"acceleration": "{example}"}} (--columns acceleration={example})'
         )
     return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
-
-
-def _axes(quantity: str) -> tuple[str, ...]:
-    """Column suffixes of a vector quantity; empty for a scalar."""
-    return ("w", *AXES) if quantity == QUATERNION else AXES if quantity in VECTORS else ()
 
 
 def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
@@ -347,7 +322,7 @@ def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mappi
     unknown = [name for name in given if name not in UNITS]
     if unknown:
         raise CaptureError(f"unknown quantity {unknown[0]!r} in units; expected one of: {', '.join(UNITS)}")
-    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s", QUATERNION: "1"}.get(quantity)
+    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s"}.get(quantity)
     if unit is None:
         example = next(iter(UNITS[quantity]))
         raise CaptureError(
