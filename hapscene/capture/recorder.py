@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, file_exists
+from hapscene.capture.io.hsrec import SYNC_S, VALUE_MAX, RecordWriter
 from hapscene.errors import CaptureError
 from hapscene.io.files import refusing
 from hapscene.io.probe_port import BAUD, Port
@@ -22,9 +22,6 @@ __all__ = ["RecordingResult", "record"]
 
 LEVEL_S: Final = 1.0
 """Interval between two lines with the level [s]."""
-
-FLUSH_S: Final = 0.05
-"""Interval at which samples are passed to the operating system [s]."""
 
 SILENCE_S: Final = 5.0
 """Longest wait for the probe's header [s]. Boards that restart when the port is opened need up to 2 s."""
@@ -108,10 +105,6 @@ def record(
         CaptureError: the port cannot be opened, sends nothing or speaks another protocol; the file exists already.
     """
     place = Path(path)
-    if place.suffix != SUFFIX:
-        raise CaptureError(f"{place}: invalid suffix; expected {SUFFIX}")
-    if place.exists():
-        raise file_exists(place)
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, stopped, clock)
         assert decoder.header is not None
@@ -164,7 +157,7 @@ def _record_samples(
     """Writes samples and prints their level until the recording ends."""
     header = decoder.header
     assert header is not None
-    start_s = synced_s = flushed_s = shown_s = last_s = clock.now_s()
+    start_s = synced_s = shown_s = last_s = clock.now_s()
     shown: list[NDArray[np.int64]] = []
     length_max = VALUE_MAX // len(header.columns)
     length = length_max if duration_s is None else min(length_max, round(duration_s * header.rate_Hz))
@@ -180,9 +173,6 @@ def _record_samples(
         if now_s - synced_s >= SYNC_S:
             writer.sync()
             synced_s = now_s
-        if now_s - flushed_s >= FLUSH_S:
-            writer.flush()
-            flushed_s = now_s
         if now_s - shown_s >= LEVEL_S:
             say(level_line(header, shown, decoder.count, min(decoder.position, length)))
             shown, shown_s = [], now_s

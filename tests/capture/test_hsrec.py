@@ -32,7 +32,7 @@ def test_a_record_is_read_back_with_its_gap(tmp_path: Path) -> None:
     write(tmp_path / "a.hsrec")
     record = load_record(tmp_path / "a.hsrec")
     assert record.rate_Hz == 1000.0 and record.units == {"acceleration": "g", "force": "N"}
-    assert record.ended == "stopped" and record.started.startswith("20")
+    assert record.ended == "stopped"
     assert np.flatnonzero(record.missing).tolist() == list(range(30, 40))
     there = ~record.missing
     assert (record.streams["acceleration"][there] == 0.5 * np.flatnonzero(there)).all()

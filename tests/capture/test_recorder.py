@@ -147,10 +147,10 @@ def test_a_probe_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> N
     ("out", "message"),
     [("a.wav", r"expected \.hsrec"), ("there.hsrec", "exists")],
 )
-def test_existing_files_are_not_overwritten(tmp_path: Path, out: str, message: str) -> None:
+def test_existing_files_are_not_overwritten(play: Play, tmp_path: Path, out: str, message: str) -> None:
     (tmp_path / "there.hsrec").write_bytes(b"dear")
     with pytest.raises(CaptureError, match=message):
-        record("no port", tmp_path / out)
+        play([HEADER], out=out)
     assert (tmp_path / "there.hsrec").read_bytes() == b"dear"
 
 

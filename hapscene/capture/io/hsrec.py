@@ -13,7 +13,6 @@ file to the disk about once per second, so a crash or a loss of power costs at m
 an incomplete chunk at the end of the file.
 """
 
-import datetime
 import json
 import math
 import os
@@ -25,7 +24,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,6 @@ __all__ = [
     "Record",
     "RecordWriter",
     "TruncatedWarning",
-    "file_exists",
     "load_record",
     "save_npz",
 ]
@@ -75,8 +73,6 @@ class Record:
     rate_Hz: float
     streams: Mapping[str, NDArray[np.float64]]
     units: Mapping[str, str] = field(default_factory=dict)
-    started: str = ""
-    """date and time of the start (ISO 8601)"""
     ended: str | None = None
     """why the recording ended; None for a truncated record (process killed, power lost) or one still being written"""
 
@@ -94,11 +90,6 @@ class TruncatedWarning(UserWarning):
     """A record has no end chunk: the recording process was killed, or the end of the file was lost."""
 
 
-def file_exists(path: Path) -> CaptureError:
-    """The error for a recording that would overwrite a file."""
-    return CaptureError(f"{path}: the file exists already and recordings are never overwritten: choose another name")
-
-
 class RecordWriter:
     """Writes a new record by appending chunks. Use it in a `with` statement."""
 
@@ -112,13 +103,14 @@ class RecordWriter:
         if self.path.suffix != SUFFIX:
             raise CaptureError(f"{self.path}: invalid suffix of a record; expected {SUFFIX}")
         try:
-            self._file: BinaryIO = self.path.open("xb")
+            self._file = self.path.open("xb", buffering=0)  # a killed process loses nothing
         except FileExistsError:
-            raise file_exists(self.path) from None
+            raise CaptureError(
+                f"{self.path}: the file exists already and recordings are never overwritten: choose another name"
+            ) from None
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
-        started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-        head = {"rate_Hz": header.rate_Hz, "started": started, "columns": [asdict(c) for c in header.columns]}
+        head = {"rate_Hz": header.rate_Hz, "columns": [asdict(c) for c in header.columns]}
         self._file.write(FIRST_LINE)
         self._put(b"HEAD", 0, json.dumps(head).encode())
         self.sync()
@@ -136,15 +128,9 @@ class RecordWriter:
             part = run.counts[start : start + RUN_MAX]
             self._put(b"DATA", run.first + start, part.astype("<i4").tobytes())
 
-    def flush(self) -> None:
-        """Passes all chunks to the operating system, so that a killed process does not lose them."""
-        with self._writing():
-            self._file.flush()
-
     def sync(self) -> None:
         """Puts all chunks on the disk, so that a loss of power does not lose them."""
         with self._writing():
-            self._file.flush()
             os.fsync(self._file.fileno())
 
     def end(self, how: str, **facts: float) -> None:
@@ -186,8 +172,7 @@ def _parsed(data: bytes) -> Record:
     kind, _, payload = next(_chunks(data), (b"", 0, memoryview(b"")))
     if kind != b"HEAD":
         raise CaptureError("truncated within its header: no samples can be read")
-    head = _json(payload)
-    rate_Hz, columns = _head(head)
+    rate_Hz, columns = _head(_json(payload))
     row_B, length, ended = 4 * len(columns), 0, None
     for kind, first, payload in _chunks(data):
         if kind == b"DATA" and len(payload) % row_B == 0:
@@ -208,7 +193,7 @@ def _parsed(data: bytes) -> Record:
                 stream[first : first + len(rows)] = counts
     for column in columns:
         streams[column.name] *= column.scale
-    return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
+    return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, ended)
 
 
 def save_npz(record: Record, path: Path, provenance: str = "") -> None:
