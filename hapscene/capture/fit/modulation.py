@@ -78,13 +78,11 @@ class ModulationFit(NamedTuple):
         modulation: parameters of the gain, or None.
         intervals: 95 % intervals of each spread and, last, of the total spread.
         reason: why `modulation` is None.
-        ahead: held-out log-likelihood of processes over distance, and over both, minus that over time; NaN if unknown.
     """
 
     modulation: GainModulation | None
     intervals: tuple[tuple[float, float], ...] = ()
     reason: str = ""
-    ahead: tuple[float, float] = (np.nan, np.nan)
 
 
 _Block = tuple[Array, Array, Array]  # levels (2, n) of recording and texture, forces (n,), speeds (n,)
@@ -119,13 +117,13 @@ def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> Modulation
         basis = _basis(block)
         expected = np.array([np.sum(basis * (one @ basis), axis=0) for one in _covariances(block[2], noise, speed)])
         parts.append(_Expected((basis.T @ block[0][0]) ** 2, expected[0], expected[1:]))
-    kind, ahead = _kind(blocks, parts, noise, speed)
+    kind = _kind(blocks, parts, noise, speed)
     seen = _together(parts)
     power, gain = seen.fitted(kind)
     spread = 0.5 * np.sqrt(power)
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
-        return ModulationFit(None, reason="the level varies no more than the level of stationary noise", ahead=ahead)
+        return ModulationFit(None, reason="the level varies no more than the level of stationary noise")
     rng = np.random.default_rng(0)
     chance, kernels = seen.noise, seen.kernels[_KINDS[kind]]
     square = (chance + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(chance)))
@@ -140,7 +138,7 @@ def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> Modulation
     kinds = _KINDS[kind]
     spread = spread * (min(whole, SPREAD_MAX) / float(np.sqrt(np.sum(spread[kept] ** 2))))
     modulation = GainModulation(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
-    return ModulationFit(modulation, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
+    return ModulationFit(modulation, tuple(zip(low.tolist(), high.tolist(), strict=True)))
 
 
 def moving_runs(
@@ -244,15 +242,13 @@ def _fitted(
     return power, -0.5 * np.sum(np.log(model / noise) + square / model - square / noise, axis=-1)
 
 
-def _kind(
-    blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
-) -> tuple[str, tuple[float, float]]:
+def _kind(blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float) -> str:
     """Chooses processes over time, distance or both by cross-validation between the halves of the blocks.
 
     Without a significant difference, time is chosen; the modulation is then the same at all speeds.
     """
     if len(blocks) < 2:
-        return "time", (np.nan, np.nan)
+        return "time"
     halves = [_together(parts[i::2]) for i in (0, 1)]
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
@@ -268,7 +264,6 @@ def _kind(
             root = np.linalg.cholesky(basis.T @ whole[kind] @ basis)
             white = scipy.linalg.solve_triangular(root, basis.T @ block[0][0], lower=True)
             score[kind] -= float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
-    ahead = score["distance"] - score["time"], score["both"] - score["time"]
-    if ahead[1] > max(ahead[0], 0.0) + MARGIN:
-        return "both", ahead
-    return ("distance" if ahead[0] > MARGIN else "time"), ahead
+    if score["both"] > max(score["distance"], score["time"]) + MARGIN:
+        return "both"
+    return "distance" if score["distance"] > score["time"] + MARGIN else "time"
