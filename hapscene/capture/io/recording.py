@@ -139,11 +139,6 @@ class SurfaceRecording:
     direction_rad: Array | None = field(default=None, kw_only=True)
     """direction of sliding"""
 
-    def __repr__(self) -> str:
-        held = ", ".join(name for name in WORDS if getattr(self, name) is not None) or "nothing"
-        count, rate_Hz = len(self.acceleration_m_s2), self.rate_Hz
-        return f"<SurfaceRecording: {count:,} samples, {count / rate_Hz:.3g} s at {rate_Hz:g} Hz, with {held}>"
-
 
 def load_recording(
     path: str | os.PathLike[str],
@@ -301,19 +296,11 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
     if "acceleration" not in chosen and numbered:
         chosen["acceleration"] = names
     if "acceleration" not in chosen:
-        example = _likely(names, chosen)
         raise CaptureError(
             f'no column "acceleration"; the file has: {", ".join(names)}: '
-            f'give columns={{"acceleration": "{example}"}} (--columns acceleration={example})'
+            'give columns={"acceleration": "COLUMN"} (--columns acceleration=COLUMN)'
         )
     return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
-
-
-def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
-    """The column that is most likely the acceleration: an unused one that begins with "acc" or "a"."""
-    taken = {name for parts in chosen.values() for name in parts}
-    free = [name for name in names if name not in taken] or ["COLUMN"]
-    return next(name for start in ("acc", "a", "") for name in free if name.casefold().startswith(start))
 
 
 def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mapping[str, str]) -> float:
