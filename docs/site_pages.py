@@ -21,7 +21,7 @@ from mkdocs.structure.files import File, Files
 import hapscene
 from hapscene.cli import app, main
 from hapscene.device.driver_registry import DRIVERS
-from hapscene.surface.effect_registry import listed
+from hapscene.surface.effect import EFFECTS
 from hapscene.swatches.library import load_swatch, shipped_swatches
 from hapscene.swatches.site import touch_page
 
@@ -129,7 +129,7 @@ def effect_page() -> str:
         "acts also where nothing is touched. See [Write an effect](../tutorials/write-an-effect.md) and "
         "[Add fields and fixtures](../how-to/add-fields-and-fixtures.md).",
     ]
-    for name, offer in listed().items():
+    for name, offer in EFFECTS.listed().items():
         effect = offer.plugin
         if offer.distribution != "hapscene" or effect is None:
             continue

@@ -25,7 +25,7 @@ from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.render.tick import run_ticks, tick
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.mixer import render_fields
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.operation import operate

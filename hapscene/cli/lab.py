@@ -58,9 +58,9 @@ def effects() -> None:
     examples:
       hapscene lab effects
     """
-    from hapscene.surface.effect_registry import listed
+    from hapscene.surface.effect import EFFECTS
 
-    for item in listed().values():
+    for item in EFFECTS.listed().values():
         lines = [f"{item.name}  ({item.distribution} {item.version}, {item.module})"]
         if item.plugin is None:
             print_lines([*lines, f"  cannot be loaded: {item.error}"])

@@ -160,7 +160,7 @@ def touch(
 
 def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
     """Check the names of effects before a mesh is loaded. Raises EffectError."""
-    from hapscene.surface.effect_registry import load_effect
+    from hapscene.surface.effect import load_effect
 
     for name in effects:
         load_effect(name)

@@ -31,7 +31,7 @@ from hapscene.scene.material import Material, picture_file
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.topology import area_of
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 from hapscene.swatches.words import phrases

@@ -20,8 +20,7 @@ from hapscene.loop.result import ClosedLoopResult
 from hapscene.loop.twin import Twin
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.surface.effect import Effect
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import Effect, load_effect
 from hapscene.surface.swatch import Swatch
 
 __all__ = ["AT_M", "Rig", "sheet"]

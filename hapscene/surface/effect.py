@@ -30,15 +30,16 @@ functions for such effects."""
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
+from hapscene.plugin_registry import PluginRegistry
 from hapscene.records import Record
 
-__all__ = ["Effect", "Param", "State", "check_range"]
+__all__ = ["EFFECTS", "Effect", "Param", "State", "check_range", "load_effect"]
 
 Render = Callable[[Record, Record, NDArray[np.float64], Record, Record], None]
 Table = Callable[[Any, float], NDArray[np.float64]]
@@ -128,3 +129,16 @@ def check_range(effect: Effect, param: Param, value: object, where: str = "") ->
             f"expected {param.minimum:g} to {param.maximum:g} {param.unit} ({param.meaning})"
         )
     return float(value)
+
+
+EFFECTS: Final = PluginRegistry("hapscene.effects", "effect", Effect, EffectError)
+"""Installed effects, found through their entry-point group."""
+
+
+def load_effect(name: str) -> Effect:
+    """Return an effect by name.
+
+    Raises:
+        EffectError: the effect is unknown, offered by two packages, not importable, or not an `Effect` of that name.
+    """
+    return EFFECTS.load(name)

@@ -17,7 +17,7 @@ from hapscene.errors import SceneError
 from hapscene.exchange.html_page import html_page
 from hapscene.scene.region import PlaneSide, Sphere
 from hapscene.scene.scene import Scene
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.swatches.library import load_swatch
 
 HOSTILE = "</script><img src=x onerror=alert(1)><!--<script>"

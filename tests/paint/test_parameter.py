@@ -9,7 +9,7 @@ import hapscene
 from hapscene.device.model import IDEAL, limits_of
 from hapscene.paint.model.tuning import Parameter, parameters_of, tuned
 from hapscene.render.renderer import EFFECTS, Renderer
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.swatch import Swatch
 
 ALL = [load_effect(name) for name in EFFECTS]

@@ -12,15 +12,15 @@ import pytest
 import hapscene_plugins.effects
 from hapscene.constants import PASSED_MAX
 from hapscene.records import OUTPUT, TOUCH
-from hapscene.surface.effect_registry import listed
+from hapscene.surface.effect import EFFECTS
 
 SHIPPED = {
     name: import_module(f"hapscene_plugins.effects.{name}").EFFECT
     for _, name, _ in pkgutil.iter_modules(hapscene_plugins.effects.__path__)
 }
-EFFECTS = [
+EACH = [
     pytest.param(effect, id=name)
-    for name, effect in {**{name: entry.plugin for name, entry in listed().items()}, **SHIPPED}.items()
+    for name, effect in {**{name: entry.plugin for name, entry in EFFECTS.listed().items()}, **SHIPPED}.items()
     if effect
 ]
 LINE = [[0.0, 0.0, 0.0], [0.003, 0.0, 0.0], [0.003, 0.004, 0.0]]
@@ -106,7 +106,7 @@ def corners(effect):
 
 
 def test_all_shipped_effects_are_listed():
-    names = listed()
+    names = EFFECTS.listed()
     assert {"friction", "lpc_texture", "tap", "wall"} <= set(names)
     assert not [entry.error for entry in names.values() if entry.error]
 
@@ -118,7 +118,7 @@ def test_each_shipped_file_is_an_entry_point():
     assert [effect.name for effect in SHIPPED.values()] == list(SHIPPED)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", EACH)
 def test_declarations_are_valid(effect):
     assert effect.name.isidentifier() and effect.summary.endswith(".") and len(effect.summary) < 80
     for param in effect.params:
@@ -130,13 +130,13 @@ def test_declarations_are_valid(effect):
         assert not keyword.iskeyword(state.name)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", EACH)
 def test_same_seed_same_bits(effect, bench, ticks, swatch_of):
     first, again = (bench(effect, swatch_of(), seed=7).run(walk(ticks, 2)) for _ in range(2))
     assert first.tobytes() == again.tobytes()
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", EACH)
 def test_adds_to_its_block_and_only_reads_its_inputs(effect, bench, ticks, swatch_of):
     rows, one = walk(ticks, 3), bench(effect, swatch_of())
     before = rows.tobytes(), one.p.tobytes(), one.table.tobytes()
@@ -150,7 +150,7 @@ def test_adds_to_its_block_and_only_reads_its_inputs(effect, bench, ticks, swatc
         np.testing.assert_allclose(added[name] - start[name], alone[name], rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", EACH)
 def test_output_is_finite_at_parameter_limits(effect, bench, ticks, swatch_of):
     """Parameters at their limits, contact forces up to a thousand times the usual, two swatches."""
     for params in corners(effect):
@@ -163,7 +163,7 @@ def test_output_is_finite_at_parameter_limits(effect, bench, ticks, swatch_of):
                 assert all(np.isfinite(out[name]).all() for name in OUTPUT.names), params
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", EACH)
 def test_silent_after_reset_in_the_air(effect, bench, ticks, swatch_of):
     """A scene effect starts at less than a twentieth of its final force."""
     rows = ticks(1000, touching=0, swatch=-1, body=-1, p_WT_m=(0.002, 0.001, 0.003))
@@ -175,7 +175,7 @@ def test_silent_after_reset_in_the_air(effect, bench, ticks, swatch_of):
         assert not any(out[name].any() for name in OUTPUT.names)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", EACH)
 def test_swatches_may_change_every_tick(effect, bench, ticks, swatch_of):
     """Parameters and table change at each tick while the state persists."""
     swatches = [

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 
 FRICTION = load_effect("friction")
 K_N_M = 500.0

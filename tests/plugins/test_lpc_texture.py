@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import welch
 
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import PLAIN
 from hapscene.surface.texture import Texture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.swatch import PLAIN
 from hapscene.surface.taps import Taps
 

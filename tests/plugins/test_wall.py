@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.swatch import Swatch
 
 WALL = load_effect("wall")

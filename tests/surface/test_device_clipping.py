@@ -8,7 +8,7 @@ import pytest
 
 from hapscene.device.model import Limits
 from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clip_to_device, clips, share_of
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch

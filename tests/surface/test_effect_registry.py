@@ -5,8 +5,7 @@ import sys
 import pytest
 
 from hapscene.errors import EffectError
-from hapscene.surface import effect_registry
-from hapscene.surface.effect_registry import listed, load_effect
+from hapscene.surface.effect import EFFECTS, load_effect
 
 GOOD = "from hapscene.surface.effect import Effect\nEFFECT = Effect('{}', 'Does nothing.', lambda *a: None)\n"
 
@@ -22,7 +21,7 @@ def install(tmp_path, monkeypatch):
         (site / f"{package}.py").write_text(source)
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 2.5\n")
         lines = "\n".join(f"{name} = {target}" for name, target in points.items())
-        (info / "entry_points.txt").write_text(f"[{effect_registry.GROUP}]\n{lines}\n")
+        (info / "entry_points.txt").write_text(f"[{EFFECTS.group}]\n{lines}\n")
         monkeypatch.syspath_prepend(str(site))
         monkeypatch.delitem(sys.modules, package, raising=False)
 
@@ -30,16 +29,16 @@ def install(tmp_path, monkeypatch):
 
 
 def test_shipped_effects_are_listed():
-    entry = listed()["wall"]
+    entry = EFFECTS.listed()["wall"]
     assert entry.plugin.name == "wall" and entry.error is None
     assert entry.distribution == "hapscene" and entry.version
     assert entry.module == "hapscene_plugins.effects.wall"
-    assert list(listed()) == sorted(listed())
+    assert list(EFFECTS.listed()) == sorted(EFFECTS.listed())
 
 
 def test_third_party_effect_is_listed(install):
     install("others_hum", GOOD.format("hum"), hum="others_hum:EFFECT")
-    entry = listed()["hum"]
+    entry = EFFECTS.listed()["hum"]
     assert (entry.distribution, entry.version, entry.module) == ("others_hum", "2.5", "others_hum")
     assert load_effect("hum") is entry.plugin
 
@@ -56,7 +55,7 @@ def test_third_party_effect_is_listed(install):
 )
 def test_a_broken_plugin_is_named_and_the_others_work(install, source):
     install("others_broken", source, broken="others_broken:EFFECT")
-    entries = listed()
+    entries = EFFECTS.listed()
     assert entries["wall"].plugin is not None
     assert entries["broken"].plugin is None and "others_broken 2.5" in entries["broken"].error
     with pytest.raises(EffectError, match="others_broken"):
@@ -67,7 +66,7 @@ def test_name_of_two_packages_is_rejected(install):
     install("others_wall", GOOD.format("wall"), wall="others_wall:EFFECT")
     with pytest.raises(EffectError, match="others_wall"):
         load_effect("wall")
-    assert listed()["wall"].plugin is None and listed()["friction"].plugin is not None
+    assert EFFECTS.listed()["wall"].plugin is None and EFFECTS.listed()["friction"].plugin is not None
 
 
 def test_an_unknown_effect_is_refused():

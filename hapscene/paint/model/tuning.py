@@ -361,7 +361,7 @@ class SwatchTuning:
     def _effect_list(self) -> list[Effect]:
         if self._effects is None:
             from hapscene.render.renderer import EFFECTS
-            from hapscene.surface.effect_registry import load_effect
+            from hapscene.surface.effect import load_effect
 
             self._effects = [load_effect(name) for name in EFFECTS]
         return self._effects

@@ -12,7 +12,7 @@ from hapscene.perception import band_edges_Hz
 from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.stability.rig import sheet
-from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.effect import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 from hapscene_evidence.chart import (

@@ -13,8 +13,8 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "third_party_effect
 
 TOUCH_IT = """
 import json, numpy as np, trimesh, hapscene
-from hapscene.surface.effect_registry import listed
-entry = listed()["ridges"]
+from hapscene.surface.effect import EFFECTS
+entry = EFFECTS.listed()["ridges"]
 scene = hapscene.Scene()
 scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), name="plate", unit="m",
           swatch=hapscene.Swatch("file", effects={"ridges": {"wavelength_m": 0.002}}))
