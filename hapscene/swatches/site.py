@@ -9,7 +9,7 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from html import escape
+from functools import cache
 from importlib.resources import as_file, files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
@@ -214,110 +216,66 @@ def touch_page(swatch: Swatch) -> str:
 
 def first_page(swatches: Sequence[Swatch], entries: Sequence[LibraryEntry], title: str = TITLE) -> str:
     """Return the HTML of the first page."""
-    script = _resource("js")
-    tiles = "\n".join(_tile(swatch, entry) for swatch, entry in zip(swatches, entries, strict=True))
-    address = '<span class="here">ADDRESS-OF-THIS-PAGE</span>'
-    body = [
-        MARK,
-        f"<main><h1>{_text(title)}</h1>",
-        f'<p class="lead">{len(entries)} swatch{"es" * (len(entries) != 1)}. {SOUND_NOTE}</p>',
-        f"<p>Copy a swatch to your library: <code>hapscene swatch get NAME --from {address}</code></p>",
-        '<search class="find" hidden><label for="words">Find</label><input id="words" type="search" '
-        'placeholder="rough wood CC0"><output for="words"></output></search>',
-        f'<ul class="tiles">\n{tiles}\n</ul></main>',
-        f"<script>{script}</script>",
-    ]
+    script = files("hapscene.swatches").joinpath("templates", "site.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return _document(title, body, f"{POLICY}; script-src 'sha256-{digest}'")
+    return _page(
+        "first",
+        title,
+        head=printable(title, TITLE_MAX),
+        policy=f"{POLICY}; script-src 'sha256-{digest}'",
+        mark=Markup(MARK),
+        script=Markup(script),
+        tiles=[_shown(swatch, entry) for swatch, entry in zip(swatches, entries, strict=True)],
+    )
 
 
 def swatch_page(swatch: Swatch, entry: LibraryEntry, plots: Sequence[str], title: str = TITLE) -> str:
     """Return the HTML of the page of a swatch."""
-    stem = quote(entry.file.removesuffix(SUFFIX))
-    touch = escape(printable(f"A body with {swatch.name} to touch"))
-    rows = "".join(_row(swatch, phrase) for phrase in phrases(swatch))
-    where = [
-        ("provenance", _text(swatch.provenance) or "not stated"),
-        ("licence", _licence(swatch)),
-        ("touched with", _text(touched_with(swatch)) or "not stated"),
-        ("tags", _tags(entry) or "no tags"),
-        ("file", f'<a href="{stem}{SUFFIX}" download>{escape(entry.file)}</a>, {entry.bytes:,} bytes'),
-        ("sha256", f"<code>{entry.sha256}</code>"),
-    ]
-    body = [
-        f'<nav><a href="{PAGE}">{_text(title)}</a></nav>',
-        f'<main><h1>{_text(swatch.name)}</h1><p class="lead">{", ".join(p.word for p in phrases(swatch))}</p>',
-        f'<h2>Touch</h2><iframe src="{stem}-touch.html" title="{touch}" allow="autoplay"></iframe>'
-        f'<p><a href="{stem}-touch.html">Touch it on a page of full size</a></p>',
-        f'<div class="plots">{"".join(plots)}</div>',
-        f"<h2>Sound</h2><p>{SOUND_NOTE}</p>{_audio(stem, swatch)}",
-        f'<h2>Description</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
-        f"<h2>Source</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",
-        f"<h2>All parameters</h2><dl>{_numbers(swatch)}</dl></main>",
-    ]
-    return _document(f"{swatch.name}: {title}", body, POLICY)
+    shown = _shown(swatch, entry)
+    head, rows = printable(f"{swatch.name}: {title}", TITLE_MAX), [_row(swatch, phrase) for phrase in phrases(swatch)]
+    known = {"touched": touched_with(swatch), "numbers": _numbers(swatch), "rows": rows, "plots": plots}
+    return _page("swatch", title, head=head, policy=POLICY, page=PAGE, shown=shown, **known, **shown)
 
 
-def _document(title: str, body: Iterable[str], policy: str) -> str:
-    """Return a page; the title is escaped here, the parts of the body must be HTML."""
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(printable(title, TITLE_MAX))}</title>\n<style>\n{_resource('css')}</style>\n</head>\n"
-        "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
-    )
+def _page(name: str, title: str, **known: object) -> str:
+    return _environment().get_template(f"{name}.html.jinja").render(
+        title=title, note=SOUND_NOTE, no_licence=Markup(f'<span class="warn">{NO_LICENCE}</span>'), **known
+    )  # fmt: skip
 
 
-def _tile(swatch: Swatch, entry: LibraryEntry) -> str:
-    stem = quote(entry.file.removesuffix(SUFFIX))
+@cache
+def _environment() -> Environment:
+    loader = PackageLoader("hapscene.swatches.site")
+    made = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    made.filters["text"] = _text
+    return made
+
+
+def _shown(swatch: Swatch, entry: LibraryEntry) -> dict[str, object]:
+    """Return what both pages show of a swatch."""
     words = ", ".join(phrase.word for phrase in phrases(swatch))
-    return (
-        f'<li class="tile"><img src="{stem}-ball.png" alt="" width="72" height="72" loading="lazy">'
-        f'<h2><a href="{stem}.html">{_text(swatch.name)}</a></h2><p>{words}</p>{_audio(stem, swatch)}'
-        f'{_tags(entry)}<p class="detail">Licence: {_licence(swatch)}</p></li>'
-    )
+    stem = quote(entry.file.removesuffix(SUFFIX))
+    return {"swatch": swatch, "entry": entry, "stem": stem, "words": words, "levels": swatch_sound(swatch).levels}
 
 
-def _audio(stem: str, swatch: Swatch) -> str:
-    label = escape(printable(f"{swatch.name}: a tap, then a stroke"))
-    audio = f'<audio controls preload="none" src="{stem}.wav" aria-label="{label}"></audio>'
-    return f'{audio}<p class="detail">{swatch_sound(swatch).levels}</p>'
-
-
-def _licence(swatch: Swatch) -> str:
-    return _text(swatch.licence) or f'<span class="warn">{NO_LICENCE}</span>'
-
-
-def _tags(entry: LibraryEntry) -> str:
-    tags = "".join(f"<li>{_text(tag)}</li>" for tag in entry.tags)
-    return f'<ul class="tags">{tags}</ul>' if tags else ""
-
-
-def _row(swatch: Swatch, phrase: Phrase) -> str:
+def _row(swatch: Swatch, phrase: Phrase) -> tuple[str, str, str]:
     key = ASSUMED[phrase.quality]
     reason = swatch.absent.get(key) or swatch.absent.get(f"{key}.level", "")
-    figure = _text(f"{phrase.figure} (assumed: {reason})" if phrase.figure and reason else phrase.figure or reason)
-    head = f'<tr><th scope="row">{phrase.quality}</th><td class="value">{phrase.word}</td>'
-    return f'{head}<td class="figure">{figure}</td></tr>'
+    figure = f"{phrase.figure} (assumed: {reason})" if phrase.figure and reason else phrase.figure or reason
+    return phrase.quality, phrase.word, figure
 
 
-def _numbers(swatch: Swatch) -> str:
-    """Return the parameters of a swatch that the page does not show elsewhere, as a list with a text for each key."""
+def _numbers(swatch: Swatch) -> list[tuple[str, list[str]]]:
+    """Return the parameters of a swatch that the page does not show elsewhere: keys, and lines of text."""
     shown = ("provenance", "licence", *TOOL_FIELDS)
     found = re.findall(r"^  (\S+) +(.*(?:\n {3,}.*)*)", "\n".join(map(printable, lines(swatch)[2:])), re.MULTILINE)
-    rows = {key: [_text(line) for line in text.splitlines()] for key, text in found if key not in shown}
-    return "".join(f"<dt>{escape(key)}</dt><dd>{'<br>'.join(texts)}</dd>" for key, texts in rows.items())
+    return [(key, text.splitlines()) for key, text in found if key not in shown]
 
 
-def _text(text: str) -> str:
+def _text(text: str) -> Markup | str:
     """Escape a text from a file and isolate its writing direction."""
     line = printable(" ".join(text.split()))
-    return f"<bdi>{escape(line)}</bdi>" if line else ""
-
-
-def _resource(kind: str) -> str:
-    return files("hapscene.swatches").joinpath(f"site.{kind}").read_text(encoding="utf-8")
+    return Markup("<bdi>{}</bdi>").format(line) if line else ""
 
 
 # --- pictures ---
