@@ -33,8 +33,8 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.topology import area_of
 from hapscene.surface.effect import load_effect
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_summary import phrases
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
-from hapscene.swatches.words import phrases
 from hapscene.view.feel_layer import corner_normals, grain_of, used_swatches
 from hapscene.view.palette import distinct_colours, rgb
 from hapscene.view.triangles import GAMMA

@@ -27,7 +27,7 @@ from hapscene.io.files import read_bytes, refusing, whole_folder
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, swatch_from_json
-from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, lines
+from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, Phrase, lines, phrases
 from hapscene.swatches.library import (
     INDEX,
     INDEX_BYTES_MAX,
@@ -43,7 +43,6 @@ from hapscene.swatches.library import (
 )
 from hapscene.swatches.picture import ball_png
 from hapscene.swatches.sound import START_S, swatch_sound, wav_bytes
-from hapscene.swatches.words import Phrase, phrases
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK
 

@@ -7,9 +7,8 @@ from hapscene.errors import SwatchError
 from hapscene.paint.model.cards import GREY, all_cards, matching
 from hapscene.paint.model.session import Session
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_summary import figures
+from hapscene.surface.swatch_summary import figures, phrases
 from hapscene.swatches.library import add
-from hapscene.swatches.words import phrases
 
 
 def test_description_of_a_swatch() -> None:

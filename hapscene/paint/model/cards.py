@@ -10,9 +10,9 @@ from typing import Final, Literal
 from hapscene.errors import SwatchError
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_summary import Phrase, phrases
 from hapscene.swatches import library
 from hapscene.swatches.library import LibraryEntry, entry_of, load_swatch
-from hapscene.swatches.words import Phrase, phrases
 
 __all__ = ["Card", "all_cards", "matching", "scene_cards"]
 

@@ -18,10 +18,10 @@ from hapscene.scene.material import read_picture
 from hapscene.surface.look import Look, picture_png
 from hapscene.surface.swatch import Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX, read_swatch
+from hapscene.surface.swatch_summary import Phrase
 from hapscene.swatches import library
 from hapscene.swatches.picture import ball_png
 from hapscene.swatches.sound import swatch_sound
-from hapscene.swatches.words import Phrase
 from hapscene.view.palette import rgb
 
 __all__ = ["LOOK", "SwatchPanel"]
