@@ -24,8 +24,7 @@ from hapscene.render.contact_info import Contact, Impulse
 from hapscene.render.moving_bodies import MovingBodies
 from hapscene.render.tick import run_ticks, tick, use_fading, use_moving_bodies, use_tick
 from hapscene.surface.device_clipping import Clip, ClippedSwatches, Numbers, clip_to_device, clips, share_of
-from hapscene.surface.effect import Effect, check_range, load_effect
-from hapscene.surface.field_settings import FieldSetting, field_setting
+from hapscene.surface.effect import Effect, FieldSetting, check_range, field_setting, load_effect
 from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface, clear_states, put_numbers
 from hapscene.surface.swatch import tip_radius_of
 

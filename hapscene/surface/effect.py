@@ -28,18 +28,28 @@ of the bodies in its setting `bodies`, or the identity without them. `hapscene.s
 functions for such effects."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import EffectError
+from hapscene.errors import EffectError, no_such
 from hapscene.plugin_registry import PluginRegistry
 from hapscene.records import Record
 
-__all__ = ["EFFECTS", "Effect", "Param", "State", "check_range", "load_effect"]
+__all__ = [
+    "EFFECTS",
+    "POSE_SIZE",
+    "Effect",
+    "FieldSetting",
+    "Param",
+    "State",
+    "check_range",
+    "field_setting",
+    "load_effect",
+]
 
 Render = Callable[[Record, Record, NDArray[np.float64], Record, Record], None]
 Table = Callable[[Any, float], NDArray[np.float64]]
@@ -129,6 +139,64 @@ def check_range(effect: Effect, param: Param, value: object, where: str = "") ->
             f"expected {param.minimum:g} to {param.maximum:g} {param.unit} ({param.meaning})"
         )
     return float(value)
+
+
+# Settings of an effect of the scene: parameters, arrays, and bodies whose poses it reads.
+
+
+POSE_SIZE: Final = 12
+"""Numbers of a pose in a table [count]: R_WB row by row, then p_WB."""
+
+_WORLD: Final = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
+
+
+class FieldSetting(NamedTuple):
+    """Checked settings of an effect of the scene.
+
+    Attributes:
+        numbers: parameters by name.
+        bodies: indices of the bodies whose poses are at the start of its table.
+        table: poses (12 numbers each; the identity without bodies), then the result of `Effect.table`.
+    """
+
+    numbers: dict[str, float]
+    bodies: tuple[int, ...]
+    table: NDArray[np.float64]
+
+
+def field_setting(
+    effect: Effect, given: Mapping[str, object], body_names: Sequence[str], a_rate_Hz: float
+) -> FieldSetting:
+    """Check the settings of an effect of the scene.
+
+    Raises:
+        EffectError: a setting or body is unknown, a number is out of range, or an array is invalid.
+    """
+    known = {param.name: param for param in effect.params}
+    where = f"settings of effect {effect.name!r}: "
+    if not isinstance(given, Mapping):
+        raise EffectError(
+            where + f"must map names to numbers, as {{'{next(iter(known), 'mass_kg')}': 0.2}}, not {given!r:.40}"
+        )
+    for name in given:
+        if name not in known and name not in effect.arrays and name != "bodies":
+            raise EffectError(where + no_such("setting", name, [*known, *effect.arrays, "bodies"]))
+    numbers = {}
+    for name, param in known.items():
+        numbers[name] = param.default
+        if name in given:
+            numbers[name] = check_range(effect, param, given[name])
+    names = given.get("bodies") or ()
+    bodies = []
+    for name in map(str, names if isinstance(names, Iterable) and not isinstance(names, str) else [names]):
+        if name not in body_names:
+            raise EffectError(where + no_such("body", name, body_names))
+        bodies.append(list(body_names).index(name))
+    arrays = {name: given.get(name) for name in effect.arrays}
+    own = np.zeros(0) if effect.table is None else np.asarray(effect.table(arrays, a_rate_Hz), np.float64).ravel()
+    if not np.isfinite(own).all():
+        raise EffectError(where + "its table contains NaN or infinity")
+    return FieldSetting(numbers, tuple(bodies), np.concatenate((np.tile(_WORLD, max(1, len(bodies))), own)))
 
 
 EFFECTS: Final = PluginRegistry("hapscene.effects", "effect", Effect, EffectError)

@@ -16,9 +16,8 @@ from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH, Records, pack_small_arrays, records
 from hapscene.surface.device_clipping import WALL, Numbers
-from hapscene.surface.effect import Effect
+from hapscene.surface.effect import POSE_SIZE, Effect, FieldSetting
 from hapscene.surface.effect_compile import compile_effect
-from hapscene.surface.field_settings import POSE_SIZE, FieldSetting
 
 Rows = Sequence[NDArray[np.generic]]
 

@@ -11,9 +11,8 @@ from numba import njit
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.dsp.noise import seeded_state
 from hapscene.records import OUTPUT, TOUCH
-from hapscene.surface.effect import Effect
+from hapscene.surface.effect import Effect, field_setting
 from hapscene.surface.effect_compile import call_effect, compile_effect
-from hapscene.surface.field_settings import field_setting
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
