@@ -32,18 +32,18 @@ Replace = Annotated[bool, Parameter(help="Replace a swatch of the same name.")]
 
 @app.command(name="list", alias="search")
 def list_swatches(
-    *terms: Annotated[str, Help("Word, tool:WORD, tip:WORD, or comparison such as stiffness>500")],
+    *terms: Annotated[str, Help("Word, or comparison such as stiffness>500")],
     library: Library = None,
 ) -> int:
     """List swatches, or search them: shipped ones, computed ones, and those of the library.
 
-    Each term must match: a word in name or description, the tool or tip of the
+    Each term must match: a word in name or description, of the tool or tip of the
     recording, or a comparison of a property. Exit codes: 0 success; 1 no match.
 
     examples:
       hapscene swatch list
       hapscene swatch search wood "friction<0.4" "roughness>=1"
-      hapscene swatch search tool:probe tip:ball
+      hapscene swatch search probe ball
     """
     from hapscene.swatches import library as known
 

@@ -165,9 +165,7 @@ def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike
         computed = [entry.name for entry in computed_entries()]
         if text not in computed:
             known += [*computed, *(entry.name for home in own_folders(folder) for entry in own_entries(home))]
-            is_file = os.path.isfile(text + SUFFIX)  # noqa: PTH113 - Path.is_file raises OSError for a long name
-            hint = f"; for the file, write {text + SUFFIX!r}" if is_file else ""
-            raise SwatchError(no_such("swatch", text, known) + hint)
+            raise SwatchError(no_such("swatch", text, known))
     return place / (text + SUFFIX)
 
 
@@ -476,8 +474,7 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
     """Return the entries that match all terms.
 
     A term is a part of the name, the beginning of a word of description or tags, or a word of tool, tip, provenance or
-    licence, ignoring case ("wood", "grip"); a word of the tool or tip ("tool:probe", "tip:ball"); or a bound on a
-    figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
+    licence, ignoring case ("wood", "probe"); or a bound on a figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
 
     Raises:
         SwatchError: an invalid bound, or one on an unknown figure.
@@ -485,10 +482,6 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
     found = list(entries)
     known = {key for entry in found for key in entry.figures} | set(_SHORT)
     for term in terms:
-        what, colon, word = term.strip().casefold().partition(":")
-        if colon and what in TOOL_FIELDS:
-            found = [entry for entry in found if word.strip() in getattr(entry, what).casefold()]
-            continue
         bound = _BOUND.fullmatch(term.strip())
         if bound is None and re.search("[<>]", term):
             raise SwatchError(f"{term!r}: invalid bound; expected a figure, <, <=, > or >=, and a number: friction<0.4")

@@ -2,8 +2,7 @@
 
 | module | content |
 |---|---|
-| `swatch` | `fit_swatch`, which runs all fits |
-| `verdict` | one sentence on what a fitted swatch can be used for |
+| `swatch` | `fit_swatch`, which runs all fits; `verdict` on what the swatch can be used for |
 | `segment`, `change_point` | segmentation by interaction state, and of sliding where the vibration changes |
 | `windows`, `texture` | analysis windows of sliding; AR models over force and speed |
 | `order`, `whittle` | choice of the model order on held-out data; AR models with sensor noise |
