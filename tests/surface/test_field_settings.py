@@ -58,13 +58,6 @@ def test_field_acts_from_the_first_tick():
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.2, -4.0], atol=1e-12)
 
 
-def test_field_is_independent_of_the_swatch():
-    r = renderer(points_m=[[0.0, 0.0, 0.1]])
-    for p in ((0, 0, 0.06), (0, 0, 0.049), (0, 0, 0.06)):
-        r.step(p)
-    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.1, -2.0], atol=1e-12)
-
-
 def test_field_adds_to_contact_but_not_to_the_reaction():
     r, bare = renderer(points_m=[[0.0, 0.0, 0.1]]), hapscene.Renderer(scene(), ["wall"])
     for p in ((0, 0, 0.06), (0, 0, 0.049)):
@@ -79,15 +72,6 @@ def test_the_poses_of_named_bodies_are_those_of_the_tick():
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0.0, 0.2, 0.0)
     np.testing.assert_allclose(r.step((0.0, 0.2, 0.3), {"crate": X}).f_W_N, [1.0, 0.0, -3.0], atol=1e-12)
-
-
-def test_repainting_keeps_the_field():
-    r = renderer(points_m=[[0.0, 0.0, 0.1]])
-    r.tune_field("pull", stiffness_N_m=20.0)
-    other = scene()
-    other.paint("crate", "paper")
-    r.repaint(other)
-    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.2, -4.0], atol=1e-12)
 
 
 def test_fields_and_contact_effects_are_tuned_separately():

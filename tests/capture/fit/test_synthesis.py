@@ -84,22 +84,6 @@ def test_the_table_of_the_effect_equals_the_texture(swatch: Swatch) -> None:
     assert np.median(level) < 0.05 and np.max(level) < 0.7
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", shipped_swatches())
-@pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0])
-def test_resampling_preserves_the_power(name: str, rate_Hz: float) -> None:
-    swatch = load_swatch(name)
-    texture = swatch.texture
-    assert texture is not None
-    count = int(20 * rate_Hz)
-    force, slip = np.full(count, texture.force_max_N), np.full(count, texture.speed_max_m_s)
-    steady = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1, modulation=0.0)
-    assert abs(10 * np.log10(steady.var() / texture.power(force[:1], slip[:1])[0])) < 0.5
-    made = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1)
-    assert np.array_equal(made, synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1))
-    assert not np.array_equal(made, synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=2))
-
-
 def test_a_saved_swatch_gives_the_same_output() -> None:
     for swatch in SWATCHES:
         again = swatch_from_json(swatch_to_json(swatch))
@@ -107,6 +91,8 @@ def test_a_saved_swatch_gives_the_same_output() -> None:
         assert np.array_equal(
             synthesize(again, np.ones(500), np.full(500, 0.1)), synthesize(swatch, np.ones(500), np.full(500, 0.1))
         )
+    one, two = (synthesize(SWATCHES[0], np.ones(500), np.full(500, 0.1), seed=seed) for seed in (1, 2))
+    assert not np.array_equal(one, two)
 
 
 def test_silence_and_invalid_input() -> None:
