@@ -94,7 +94,8 @@ def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
 def new_clock(virtual_ns: int = 0) -> NDArray[np.int64]:
     """A buffer (4,) for `now_ns`: two scratch values, the counter frequency on Windows [Hz], and the virtual time [ns].
 
-    With `virtual_ns` above 0, the virtual time starts there and advances only by readings, sleeping and the test.
+    Each thread needs its own: a time that another thread writes would become the span of a sleep. With `virtual_ns`
+    above 0, the virtual time starts there and advances only by readings, sleeping and the test.
     """
     clock = np.zeros(4, np.int64)
     clock[VIRTUAL] = virtual_ns

@@ -45,7 +45,6 @@ RING_S: Final = 8.0
 BODY_ROOM: Final = 1024
 """Bodies that can be added to a running servo, including replacements of removed ones [count]: 0.5 kB each."""
 
-
 BUTTON_S: Final = 0.005
 """Interval at which `Servo.on_button` looks for events [s]."""
 

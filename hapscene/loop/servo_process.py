@@ -539,7 +539,8 @@ class OrderHandler:
             self._channel.channel.pause = self._channel.channel.waiting = 0
             self._stop = partial(self._end_loop, lambda: None)
             return
-        exchanges = [Exchange(self._channel.channel[0], vendor.state[0], self._clock) for vendor in self._vendors]
+        row, now = self._channel.channel[0], int(self._clock[VIRTUAL])
+        exchanges = [Exchange(row, vendor.state[0], new_clock(now)) for vendor in self._vendors]
         self._calls = [BoundCall(remove_stale_force, given) for given in exchanges]
         for vendor, call in zip(self._vendors, self._calls, strict=True):
             vendor.schedule(call.address, call.context)

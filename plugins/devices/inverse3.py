@@ -115,45 +115,46 @@ class Inverse3Connection(Connection):
         p = numbers(inner, "cursor_position")
         if p is None or not all(abs(value) < 1.0 for value in p):
             return
-        state = self.state[0]
+        state = self.state.view(np.ndarray)[0]  # the attributes of a record array take microseconds each
         self._timeout.received()
-        state.p_DT_m = [value - middle for value, middle in zip(p, self._middle, strict=True)]
-        state.v_DT_m_s = numbers(inner, "cursor_velocity") or math.nan
+        state["p_DT_m"] = [value - middle for value, middle in zip(p, self._middle, strict=True)]
+        state["v_DT_m_s"] = numbers(inner, "cursor_velocity") or math.nan
         if "status" in entry:
             self._status = part(entry, "status")
-        self._grip(content)
+        self._grip(content, state)
         if self._status.get("calibrated") is not True:
-            state.trouble = CALIBRATE
+            trouble = CALIBRATE
         elif self._status.get("ready") is not True:
-            state.trouble = POWER
+            trouble = POWER
         elif not is_identity(part(inner, "transform")):
-            state.trouble = TRANSFORMED
+            trouble = TRANSFORMED
         else:
-            state.trouble = IGNORED if self._is_ignored(inner) else 0
-        state.ready = int(state.trouble in (0, IGNORED))
-        state.count += 1
+            trouble = IGNORED if self._is_ignored(inner, state) else 0
+        state["trouble"], state["ready"] = trouble, trouble in (0, IGNORED)
+        state["count"] += 1
 
-    def _is_ignored(self, inner: dict[str, Any]) -> bool:
+    def _is_ignored(self, inner: dict[str, Any], state: Any) -> bool:
         """Whether the device has ignored the commanded force for `IGNORED_COUNT` states."""
         measured = numbers(inner, "current_cursor_force")
-        sent = self.state.ready[0] == 1 and math.hypot(*self.state.f_D_N[0].tolist()) > 0.1
+        sent = state["ready"] == 1 and math.hypot(*state["f_D_N"].tolist()) > 0.1
         self._ignored = self._ignored + 1 if sent and measured == (0.0, 0.0, 0.0) else 0
         return self._ignored > IGNORED_COUNT
 
-    def _grip(self, content: dict[str, Any]) -> None:
+    def _grip(self, content: dict[str, Any], state: Any) -> None:
         """Update buttons and orientation from the VerseGrip, wired or wireless."""
         inner = part(first(content, "verse_grip"), "state")
         buttons = int(inner.get("button") is True)
         if not inner:
             inner = part(first(content, "wireless_verse_grip"), "state")
             buttons = sum(1 << i for i, name in enumerate("abc") if part(inner, "buttons").get(name) is True)
-        self.state.buttons = buttons
+        state["buttons"] = buttons
         q = numbers(inner, "orientation", "xyzw")
         if q is not None and any(q):
-            self.state.R_DT = rotation_of(np.array(q))
+            state["R_DT"] = rotation_of(np.array(q))
 
     def write(self) -> None:
-        self._send(clip_force(self.state.f_D_N[0], FORCE_N) if self.state.ready[0] == 1 else (0.0, 0.0, 0.0))
+        state = self.state.view(np.ndarray)[0]
+        self._send(clip_force(state["f_D_N"].tolist(), FORCE_N) if state["ready"] == 1 else (0.0, 0.0, 0.0))
 
     def close(self) -> None:
         if self._id:

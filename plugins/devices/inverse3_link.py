@@ -66,7 +66,7 @@ class Link:
                 self._take(wait_s)
         return self._messages.pop(0) if self._messages else None
 
-    def send(self, text: str) -> None:
+    def send(self, message: bytes) -> None:
         """Send a message.
 
         Raises:
@@ -74,7 +74,7 @@ class Link:
         """
         if not self._is_open():
             raise ConnectionResetError("closed")
-        self._protocol.send_text(text.encode())
+        self._protocol.send_text(message)
         self._flush()
 
     def close(self) -> None:

@@ -1,7 +1,8 @@
 """Parse and create JSON messages of Haply's Inverse service. Not a driver."""
 
-import json
 from typing import Any
+
+import msgspec
 
 IDENTITY = {"position": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 """The identity transform. The service leaves out parts that equal it."""
@@ -10,8 +11,8 @@ IDENTITY = {"position": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scal
 def parse(text: str | bytes) -> dict[str, Any] | None:
     """Parse a message; None if it is not a JSON object."""
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
+        content = msgspec.json.decode(text)
+    except (msgspec.DecodeError, ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None
 
@@ -54,7 +55,7 @@ def is_identity(transform: dict[str, Any]) -> bool:
     return True
 
 
-def force_message(device_id: str, field: str, force: tuple[float, float, float]) -> str:
+def force_message(device_id: str, field: str, force: tuple[float, float, float]) -> bytes:
     """Message that commands a force for one tick of the service."""
     command = {field: dict(zip("xyz", force, strict=True))}
-    return json.dumps({"inverse3": [{"device_id": device_id, "commands": {"set_cursor_force": command}}]})
+    return msgspec.json.encode({"inverse3": [{"device_id": device_id, "commands": {"set_cursor_force": command}}]})

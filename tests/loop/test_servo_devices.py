@@ -1,13 +1,16 @@
 """Real devices of a servo: events of their buttons, pose of the tool, states, recovery."""
 
+import ctypes
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hapscene.clock import VIRTUAL
 from hapscene.device import DeviceChoice, choose
-from hapscene.device.driver import BUTTON_ROOM, new_state
+from hapscene.device.driver import BUTTON_ROOM, VendorConnection, new_state
+from hapscene.device.safety import STALL_S
 from hapscene.errors import DeviceError, HapsceneError
 from hapscene.loop.servo_state import ButtonEvent, button_events_of
 from hapscene.scene.scene import Scene
@@ -190,3 +193,41 @@ def test_end_waits_for_the_loop_after_an_interrupted_pause(plate: Scene) -> None
             handler.pause()
         handler.end()
         assert len(waited) == 2
+
+
+class Vendor(VendorConnection):
+    """A device whose vendor's thread is the test."""
+
+    def schedule(self, tick: int, context: int) -> None:
+        self.call = lambda: ctypes.CFUNCTYPE(None, ctypes.c_void_p)(tick)(context)
+
+    def read(self) -> None: ...
+
+    write = check = close = unschedule = read
+
+
+def test_threads_of_vendors_remove_the_force_of_a_loop_that_stopped(
+    plate: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each has its own clock. A time written to that of the loop would become the span of the loop's sleep: hours."""
+    monkeypatch.setattr(DeviceChoice, "open", lambda choice: Vendor())
+    with VirtualServo(plate, [choose("simulated")] * 2) as servo:
+        servo.start([(0.0, 0.0, 0.05)] * 2)
+        servo.advance(1)
+        vendors, clocks = servo.handler.connections, [call._argument.clock for call in servo.handler._calls]
+        for k, vendor in enumerate(vendors):
+            others = [servo.clock.buffer, clocks[1 - k]]
+            before = [clock.copy() for clock in others]
+            vendor.state.f_D_N = 1.0
+            vendor.call()
+            assert vendor.state.f_D_N.all() and np.array_equal(others, before)
+            clocks[k][VIRTUAL] += round(1.1e9 * STALL_S)
+            vendor.call()
+            assert not vendor.state.f_D_N.any() and np.array_equal(others, before)
+        servo.pause()
+        servo.resume()
+        for paused in (False, True):  # the clock has not advanced meanwhile
+            vendors[0].state.f_D_N = 1.0
+            vendors[0].call()
+            assert vendors[0].state.f_D_N.any() == (not paused)
+            servo.pause()

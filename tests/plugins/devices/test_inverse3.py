@@ -44,7 +44,7 @@ class Service:
     def receive(self, wait_s: float) -> bytes | None:
         return self.messages.pop(0) if self.messages else None
 
-    def send(self, text: str) -> None:
+    def send(self, text: bytes) -> None:
         (entry,) = json.loads(text)["inverse3"]
         assert entry["device_id"] == "05DA"
         self.sent.append(tuple(entry["commands"]["set_cursor_force"][self.field].values()))
@@ -208,8 +208,8 @@ def test_messages_over_a_network(uri: str) -> None:
         assert link.receive(1e-3) is None
         texts = ("", "force", 70_000 * "f", "last")  # the third takes more than one read
         for text in texts:
-            link.send(text)
+            link.send(text.encode())
         assert [next(complete) for _ in texts] == [text.encode() for text in texts]
     with pytest.raises(OSError):
-        link.send("after the end")
+        link.send(b"after the end")
     link.close()

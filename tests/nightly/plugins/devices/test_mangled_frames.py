@@ -123,7 +123,7 @@ def test_mangled_frames_give_no_force_and_places_that_can_be(parts: Callable[[],
 
 def test_mangled_states_of_the_inverse3_give_no_force_and_places_that_can_be() -> None:
     device: Any = inverse3.Inverse3Connection.__new__(inverse3.Inverse3Connection)
-    sent: list[str] = []
+    sent: list[bytes] = []
     entry = {"device_id": "05DA", "state": {"cursor_position": {"x": 0.06, "y": -0.13, "z": 0.16}, "transform": {}}}
     entry |= {"status": {"calibrated": False, "ready": True}}
     grip = {"state": {"button": False, "orientation": {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}}}
