@@ -178,7 +178,8 @@ class ServoConnection:
         shape = {"length": self._length, "block": self._block, "bodies": self._room, "tools": self._tools}
         shared, options = shape | {"name": self._opened.memory.name}, dict(choice.options)
         with _terminal_signals_blocked():
-            self._played = LiveHandle(shared, self.a_rate_Hz, 0, choice.name, options, handle=self._handle_file)
+            pid, file = self._process.pid, self._handle_file
+            self._played = LiveHandle(shared, self.a_rate_Hz, 0, pid, choice.name, options, handle=file)
 
     def _make_views(self, shared: Channel) -> None:
         """Keep views of fields that are used often: a look-up by name takes microseconds."""

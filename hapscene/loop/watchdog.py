@@ -37,6 +37,7 @@ __all__ = [
     "WAITING_S",
     "release",
     "release_all",
+    "state_of",
     "until_needed",
     "watch",
 ]
@@ -142,7 +143,7 @@ def _closed(life: Connection) -> bool:
         return True
 
 
-def _state_of(pid: int) -> str:
+def state_of(pid: int) -> str:
     """State of a process: "stopped" by a signal, "ending", or "running", also where the system does not report it.
 
     A large process takes tens of milliseconds to end, and closes its files last: its flags show the end before. On a
@@ -191,7 +192,7 @@ def until_needed(
             send_zeros()
             sent = True
         patience_s = WAITING_S if row.waiting or send_zeros is not None else BUSY_S
-        state = _state_of(pid)
+        state = state_of(pid)
         if still_s > patience_s or state == "ending" or (still_s > STILL_S and state == "stopped"):
             return False
 
