@@ -28,7 +28,7 @@ from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
 from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.timing import request_realtime_priority
-from hapscene.loop.watchdog import state_of
+from hapscene.loop.watchdog import STILL_S, state_of
 from hapscene.records import Records
 from hapscene.wall_clock import CLOCK, Clock
 
@@ -43,8 +43,8 @@ ANSWER_S: Final = 5.0
 POLL_S: Final = 0.02
 """Interval at which application and output are checked [s]."""
 
-STILL_S: Final = 0.006
-"""Time without a heartbeat or tick after which the handle checks whether its process has ended or was stopped [s]."""
+PAUSE_S: Final = 0.006
+"""Time without a tick after which the handle is silent in a pause of the loop, or because the servo ends it [s]."""
 
 
 class ChannelSource:
@@ -67,8 +67,8 @@ class ChannelSource:
             if count != before:
                 self._seen[at] = (name, pid, count, now_s)
             elif count > 0 and age_s > STILL_S:
-                ended = self._row["pause"][0] == 1 or state_of(pid) != "running"
-                silent |= ended or age_s > HEARTBEAT_AGE_S
+                patience_s = PAUSE_S if self._row["pause"][0] == 1 else HEARTBEAT_AGE_S
+                silent |= age_s > patience_s or state_of(pid) != "running"
         return silent
 
     def fetch(self, wanted: int) -> Array | None:

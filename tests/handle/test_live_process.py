@@ -7,10 +7,12 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from hapscene.device.safety import HEARTBEAT_AGE_S
 from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle import live_process
-from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
+from hapscene.handle.live_process import PAUSE_S, ChannelSource, LiveHandle, open_output
 from hapscene.loop.shared_memory import Channel, open_channel
+from hapscene.loop.watchdog import STILL_S
 from tests.virtual_clock import VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -68,7 +70,7 @@ def test_each_new_tick_is_read_once(channel: Channel) -> None:
 
 @pytest.mark.parametrize("sign", ["heartbeat", "done"])
 @pytest.mark.parametrize(
-    ("state", "pause", "silent_s"), [("running", 0, 0.012), ("ending", 0, 0.006), ("running", 1, 0.006)]
+    ("state", "pause", "silent_s"), [("running", 0, HEARTBEAT_AGE_S), ("ending", 0, STILL_S), ("running", 1, PAUSE_S)]
 )
 def test_no_samples_without_heartbeat_or_ticks(
     channel: Channel, sign: str, state: str, pause: int, silent_s: float, monkeypatch: pytest.MonkeyPatch
