@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
@@ -77,10 +77,6 @@ class ChannelSource:
         length = len(self._ring)
         first, self._taken = max(min(self._taken, done), done - length // 2), done
         return None if self._silent() else np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
-
-    def close(self) -> None:
-        """Release the views of the shared memory."""
-        self._ring = self._row = np.zeros((1, 1))
 
 
 def open_output(name: str, options: Mapping[str, OptionValue]) -> HandleOutput:
@@ -180,13 +176,13 @@ def serve_live(
     channel: Mapping[str, Any],
     rate_Hz: float,
     tool: int,
-    pids: tuple[int, int],
+    servo_pid: int,
     output: str,
     options: Mapping[str, OptionValue],
     handle: str | None,
     compensator: str | None,
 ) -> None:
-    """Main function of the process, with the arguments of `LiveHandle` and the ids of application and servo.
+    """Main function of the process, with the arguments of `LiveHandle`.
 
     Sends (report, None) or (None, error text): once when it plays, then in answer to each message except "stop".
     """
@@ -194,13 +190,13 @@ def serve_live(
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the application handles Ctrl-C
         signal.signal(signal.SIGTERM, _end)
     opened: HandleOutput | None = None
-    stream = shared = source = None
+    stream = shared = None
     try:
         shared = open_channel(**channel)
         opened = open_output(output, options)
         made = compensator_of(opened, handle, compensator)
-        source = ChannelSource(shared, tool, pids)
-        stream = LiveStream(source.fetch, rate_Hz, opened, handle=made, steered=True)
+        fetch = ChannelSource(shared, tool, (os.getppid(), servo_pid)).fetch
+        stream = LiveStream(fetch, rate_Hz, opened, handle=made, steered=True)
         request_realtime_priority()  # the threads of the output inherit it
         opened.start(stream)
         wire.send((report(stream, opened), None))
@@ -228,8 +224,6 @@ def serve_live(
             with suppress(OSError):
                 if fault:
                     wire.send((None, fault))
-        if source is not None:
-            source.close()
         if shared is not None:
             shared.close(unlink=False)
 
@@ -276,8 +270,7 @@ class LiveHandle:
         context = multiprocessing.get_context("spawn")
         self._wire, theirs = context.Pipe()
         self._lock = threading.Lock()  # several threads of a page may send requests
-        pids = os.getpid(), servo_pid
-        arguments = (theirs, dict(channel), rate_Hz, tool, pids, output, dict(options), handle, compensator)
+        arguments = (theirs, dict(channel), rate_Hz, tool, servo_pid, output, dict(options), handle, compensator)
         self._process = context.Process(target=serve_live, args=arguments, name="hapscene handle", daemon=True)
         self._process.start()
         theirs.close()
@@ -326,9 +319,3 @@ class LiveHandle:
             self._process.kill()
             self._process.join()
         self._wire.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -118,7 +119,7 @@ def board() -> Iterator[Board]:
 
 def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Channel) -> None:
     ticks = Ticks(channel)
-    with LiveHandle(where(channel), 1e4, 0, os.getpid(), "serial", {"port": board.port}) as handle:
+    with closing(LiveHandle(where(channel), 1e4, 0, os.getpid(), "serial", {"port": board.port})) as handle:
         board.wait_for_force()
         until(lambda: board.loud_count() > 10_000)
         report = handle.update_report()
