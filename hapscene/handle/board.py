@@ -406,15 +406,14 @@ class LiveBoard(Board):
         """Fill the board's buffer up to `ahead_s`."""
         self._latency_s += 0.02 * ((self._sent - self._played) / self.rate_Hz - self._latency_s)
         room = self._played + self._ahead - self._sent
-        if room < LINE_COUNT // 2:
-            return
+        room = room if room >= LINE_COUNT // 2 else 0  # none: only to see whether the force must end
         samples = np.zeros(room)
         assert self._feed is not None
         halted, self._halted = self._halted, self._feed.pull(samples) is True
         self._pulled += room
         if self._halted and not halted:
             self._begin()  # the board discards what it has not played yet
-            return
-        whole = np.rint(np.clip(samples, -self.ceiling, self.ceiling) / self.columns["force"][1]).astype(int).tolist()
-        self._wire.write(_force_lines(self._sent, whole))
-        self._sent += room
+        elif room:
+            counts = np.rint(np.clip(samples, -self.ceiling, self.ceiling) / self.columns["force"][1])
+            self._wire.write(_force_lines(self._sent, counts.astype(int).tolist()))
+            self._sent += room

@@ -1,18 +1,18 @@
 """Play a tool's acceleration channel on a handle, live, in its own process.
 
 The separate process avoids the Python locks of the application and of the servo. It reads the channel from the servo's
-shared memory and feeds an output. It fades out if the ticks stop; when the application dies, a board discards its
-buffer.
+shared memory and feeds an output. A board discards its buffer when the application or the servo dies, or stops.
 """
 
 import multiprocessing
+import os
 import signal
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
 from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.timing import request_realtime_priority
+from hapscene.loop.watchdog import STILL_S, state_of
 from hapscene.records import Records
 from hapscene.wall_clock import CLOCK, Clock
 
@@ -42,23 +43,33 @@ ANSWER_S: Final = 5.0
 POLL_S: Final = 0.02
 """Interval at which application and output are checked [s]."""
 
+PAUSE_S: Final = 0.006
+"""Time without a tick after which the handle is silent in a pause of the loop, or because the servo ends it [s]."""
+
 
 class ChannelSource:
     """The samples of a tool's channel in the servo's shared memory, from now on.
 
-    While the application sends no heartbeat, or requests no force, it returns no samples: the handle becomes silent.
+    It returns none, so that the handle becomes silent, while the application or the servo has ended, was stopped or
+    hangs, or no force is requested. `pids` are the process ids of application and servo.
     """
 
-    def __init__(self, channel: Channel, tool: int, clock: Clock = CLOCK) -> None:
+    def __init__(self, channel: Channel, tool: int, pids: tuple[int, int], clock: Clock = CLOCK) -> None:
         self._ring, self._row, self._clock = channel.a_m_s2[tool], channel.channel.view(np.ndarray), clock
-        self._taken, self._beats, self._beat_s = int(self._row["done"][0]), 0, 0.0
+        self._taken = int(self._row["done"][0])
+        self._seen = [(name, pid, 0, 0.0) for name, pid in zip(("heartbeat", "done"), pids, strict=True)]
 
     def _silent(self) -> bool:
-        """Whether the application has ended, was stopped, or requests no force."""
-        beats, now_s = int(self._row["heartbeat"][0]), self._clock.now_s()
-        if beats != self._beats:
-            self._beats, self._beat_s = beats, now_s
-        return bool(self._row["stop_force"][0]) or (beats > 0 and now_s - self._beat_s > HEARTBEAT_AGE_S)
+        """Whether the application or the servo has ended, was stopped or hangs, or no force is requested."""
+        now_s, silent = self._clock.now_s(), bool(self._row["stop_force"][0])
+        for at, (name, pid, before, since_s) in enumerate(self._seen):
+            count, age_s = int(self._row[name][0]), now_s - since_s
+            if count != before:
+                self._seen[at] = (name, pid, count, now_s)
+            elif count > 0 and age_s > STILL_S:
+                patience_s = PAUSE_S if self._row["pause"][0] == 1 else HEARTBEAT_AGE_S
+                silent |= age_s > patience_s or state_of(pid) != "running"
+        return silent
 
     def fetch(self, wanted: int) -> Array | None:
         """The samples of the ticks since the last call, at most half of the ring buffer; None if the force must end."""
@@ -66,10 +77,6 @@ class ChannelSource:
         length = len(self._ring)
         first, self._taken = max(min(self._taken, done), done - length // 2), done
         return None if self._silent() else np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
-
-    def close(self) -> None:
-        """Release the views of the shared memory."""
-        self._ring = self._row = np.zeros((1, 1))
 
 
 def open_output(name: str, options: Mapping[str, OptionValue]) -> HandleOutput:
@@ -169,6 +176,7 @@ def serve_live(
     channel: Mapping[str, Any],
     rate_Hz: float,
     tool: int,
+    servo_pid: int,
     output: str,
     options: Mapping[str, OptionValue],
     handle: str | None,
@@ -182,13 +190,13 @@ def serve_live(
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the application handles Ctrl-C
         signal.signal(signal.SIGTERM, _end)
     opened: HandleOutput | None = None
-    stream = shared = source = None
+    stream = shared = None
     try:
         shared = open_channel(**channel)
         opened = open_output(output, options)
         made = compensator_of(opened, handle, compensator)
-        source = ChannelSource(shared, tool)
-        stream = LiveStream(source.fetch, rate_Hz, opened, handle=made, steered=True)
+        fetch = ChannelSource(shared, tool, (os.getppid(), servo_pid)).fetch
+        stream = LiveStream(fetch, rate_Hz, opened, handle=made, steered=True)
         request_realtime_priority()  # the threads of the output inherit it
         opened.start(stream)
         wire.send((report(stream, opened), None))
@@ -216,8 +224,6 @@ def serve_live(
             with suppress(OSError):
                 if fault:
                     wire.send((None, fault))
-        if source is not None:
-            source.close()
         if shared is not None:
             shared.close(unlink=False)
 
@@ -240,6 +246,7 @@ class LiveHandle:
         channel: arguments of `open_channel`. The shared memory must exist until the constructor returns.
         rate_Hz: sample rate of the channel.
         tool: index of the tool.
+        servo_pid: process id of the servo.
         output: name of the handle's driver.
         options: options of the driver, by name.
         handle: file of an identified handle, whose compensator computes force from acceleration.
@@ -254,6 +261,7 @@ class LiveHandle:
         channel: Mapping[str, Any],
         rate_Hz: float,
         tool: int,
+        servo_pid: int,
         output: str,
         options: Mapping[str, OptionValue],
         handle: str | None = None,
@@ -262,7 +270,7 @@ class LiveHandle:
         context = multiprocessing.get_context("spawn")
         self._wire, theirs = context.Pipe()
         self._lock = threading.Lock()  # several threads of a page may send requests
-        arguments = (theirs, dict(channel), rate_Hz, tool, output, dict(options), handle, compensator)
+        arguments = (theirs, dict(channel), rate_Hz, tool, servo_pid, output, dict(options), handle, compensator)
         self._process = context.Process(target=serve_live, args=arguments, name="hapscene handle", daemon=True)
         self._process.start()
         theirs.close()
@@ -311,9 +319,3 @@ class LiveHandle:
             self._process.kill()
             self._process.join()
         self._wire.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()

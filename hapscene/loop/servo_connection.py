@@ -176,9 +176,10 @@ class ServoConnection:
 
         assert self._opened is not None
         shape = {"length": self._length, "block": self._block, "bodies": self._room, "tools": self._tools}
-        shared, options = shape | {"name": self._opened.memory.name}, dict(choice.options)
+        where, file = shape | {"name": self._opened.memory.name}, self._handle_file
+        pid, rate_Hz = self._process.pid, self.a_rate_Hz
         with _terminal_signals_blocked():
-            self._played = LiveHandle(shared, self.a_rate_Hz, 0, choice.name, options, handle=self._handle_file)
+            self._played = LiveHandle(where, rate_Hz, 0, pid, choice.name, choice.options, handle=file)
 
     def _make_views(self, shared: Channel) -> None:
         """Keep views of fields that are used often: a look-up by name takes microseconds."""

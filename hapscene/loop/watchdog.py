@@ -37,11 +37,12 @@ __all__ = [
     "WAITING_S",
     "release",
     "release_all",
+    "state_of",
     "until_needed",
     "watch",
 ]
 
-STILL_S: Final = 0.004
+STILL_S: Final = 0.003
 """Time without a tick after which a servo that was stopped by a signal (SIGSTOP) is killed [s]."""
 
 BUSY_S: Final = 0.2
@@ -58,7 +59,7 @@ ENDING: Final = 0x4 | 0x200 | 0x400
 FATAL: Final = 0x40560
 """SIGABRT, SIGBUS, SIGKILL, SIGSEGV and SIGSTOP in the pending signals of a Linux process."""
 
-LOOK_S: Final = 0.004
+LOOK_S: Final = 0.002
 """How often the watchdog looks [s]."""
 
 RELEASE_S: Final = 10.0
@@ -142,7 +143,7 @@ def _closed(life: Connection) -> bool:
         return True
 
 
-def _state_of(pid: int) -> str:
+def state_of(pid: int) -> str:
     """State of a process: "stopped" by a signal, "ending", or "running", also where the system does not report it.
 
     A large process takes tens of milliseconds to end, and closes its files last: its flags show the end before. On a
@@ -191,7 +192,7 @@ def until_needed(
             send_zeros()
             sent = True
         patience_s = WAITING_S if row.waiting or send_zeros is not None else BUSY_S
-        state = _state_of(pid)
+        state = "running" if moved else state_of(pid)  # to read it takes 0.06 ms
         if still_s > patience_s or state == "ending" or (still_s > STILL_S and state == "stopped"):
             return False
 

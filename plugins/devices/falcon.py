@@ -132,6 +132,7 @@ def release(backend: str | None = None, **options: Any) -> None:
     """Send zero force after the driver process has died. Does not load the firmware."""
     usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
     try:
+        usb.write(OUT, REST)  # at once, as the driver has set the chip
         for request, value in RUN:
             usb.control(request, value)
         usb.write(OUT, REST)

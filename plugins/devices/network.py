@@ -4,7 +4,7 @@ Any client of the bridge (`docs/reference/bridge-protocol.md`, `examples/engines
 FRAME is the device position relative to the middle of the workspace. The STATE that answers the newest FRAME contains
 the force, in the axes and unit of its HELLO. The client provides no bodies: the scene is on this side.
 
-A network adds latency: walls are soft, and a client that sends nothing for 20 ms gets no force. Only one client can be
+A network adds latency: walls are soft, and a client that sends nothing for 15 ms gets no force. Only one client can be
 connected. Another one can connect after a BYE, or after two seconds without a message.
 """
 
@@ -48,7 +48,7 @@ FORCE_N: Final = 3.0
 REACH_M: Final = 0.5
 """Largest valid coordinate of a position [m]."""
 
-SILENT_S: Final = 0.02
+SILENT_S: Final = 0.015
 """Time without a FRAME after which a client gets no force [s]."""
 
 GONE_S: Final = 2.0
@@ -192,11 +192,11 @@ DRIVER = Driver(
     low_D_m=(-REACH_M, -REACH_M, -REACH_M),
     high_D_m=(REACH_M, REACH_M, REACH_M),
     rate_Hz=200.0,
-    needs="a client of the bridge's protocol that sends its position at 100 Hz or more",
+    needs="a client of the bridge's protocol that sends its position at 200 Hz or more",
     options=(
         Option("host", "127.0.0.1", "address to listen at: 127.0.0.1 for this computer only, 0.0.0.0 for all networks"),
         Option("port", 47811, "UDP port to listen at; 0 for any free port"),
     ),
     watchdog_s=SILENT_S,
-    assumptions=("The client stops its force when it receives none for a moment.",),
+    assumptions=(f"The client stops its force when it receives none for {1e3 * SILENT_S:g} ms.",),
 )

@@ -7,9 +7,12 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from hapscene.device.safety import HEARTBEAT_AGE_S
 from hapscene.errors import HandleError, HapsceneError
-from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
+from hapscene.handle import live_process
+from hapscene.handle.live_process import PAUSE_S, ChannelSource, LiveHandle, open_output
 from hapscene.loop.shared_memory import Channel, open_channel
+from hapscene.loop.watchdog import STILL_S
 from tests.virtual_clock import VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -32,7 +35,7 @@ def where(channel: Channel) -> dict[str, object]:
 
 def test_error_of_the_handle_reaches_the_application(channel: Channel) -> None:
     with pytest.raises(HandleError, match="/dev/none: cannot open the port"):
-        LiveHandle(where(channel), 1e4, 0, "serial", {"port": "/dev/none"})
+        LiveHandle(where(channel), 1e4, 0, 1, "serial", {"port": "/dev/none"})
 
 
 @pytest.mark.parametrize(
@@ -53,7 +56,7 @@ def test_invalid_outputs_and_options_are_errors(name: str, options: dict[str, st
 
 def test_each_new_tick_is_read_once(channel: Channel) -> None:
     channel.channel[0].done = 3
-    source = ChannelSource(channel, 0)
+    source = ChannelSource(channel, 0, (1, 2), VirtualClock())
     channel.a_m_s2[0, 3:5] = np.arange(20.0).reshape(2, 10)
     assert len(source.fetch(99)) == 0  # what is complete
     channel.channel[0].done = 5
@@ -62,23 +65,31 @@ def test_each_new_tick_is_read_once(channel: Channel) -> None:
     assert len(source.fetch(0)) == LENGTH // 2 * BLOCK
     channel.channel[0].done = 0  # another servo's count
     assert len(source.fetch(0)) == 0
-    source.close()
 
 
-def test_no_samples_while_the_application_is_silent(channel: Channel) -> None:
-    clock, row = VirtualClock(), channel.channel[0]
-    source = ChannelSource(channel, 0, clock)
+@pytest.mark.parametrize("sign", ["heartbeat", "done"])
+@pytest.mark.parametrize(
+    ("state", "pause", "silent_s"), [("running", 0, HEARTBEAT_AGE_S), ("ending", 0, STILL_S), ("running", 1, PAUSE_S)]
+)
+def test_no_samples_without_heartbeat_or_ticks(
+    channel: Channel, sign: str, state: str, pause: int, silent_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The process that gives the sign has hung or ended, or the loop was stopped."""
+    clock, row, pids = VirtualClock(), channel.channel[0], {"heartbeat": 7, "done": 8}
+    monkeypatch.setattr(live_process, "state_of", lambda pid: state if pid == pids[sign] else "running")
+    row.pause, source = pause, ChannelSource(channel, 0, (7, 8), clock)
 
-    def samples(ticks: int, beats: int) -> int | None:
-        row.done += ticks
-        row.heartbeat += beats
-        clock.sleep_s(1e-3 * ticks)
-        fetched = source.fetch(0)
-        return None if fetched is None else len(fetched) // BLOCK
+    def fetched(standing: str = "") -> int:
+        """In how many of 50 ms there are samples."""
+        count = 0
+        for _ in range(50):
+            row.heartbeat += standing != "heartbeat"
+            row.done += standing != "done"
+            clock.sleep_s(1e-3)
+            count += source.fetch(0) is not None
+        return count
 
-    assert [samples(5, 1) for _ in range(3)] == [5, 5, 5]
-    assert [samples(5, 0) for _ in range(4)] == [5, 5, None, None]  # it was stopped: the heartbeat is older than 12 ms
-    assert samples(5, 1) == 5
+    assert fetched() == 50 and 1e-3 * fetched(sign) == pytest.approx(silent_s, abs=1.1e-3)
+    assert fetched() == 50  # it goes on
     row.stop_force = 1
-    assert samples(5, 1) is None
-    source.close()
+    assert fetched() == 0

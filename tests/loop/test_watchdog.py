@@ -83,7 +83,7 @@ def test_force_of_a_starved_servo_is_removed_and_the_servo_goes_on() -> None:
 
 
 def test_stopped_process_is_detected_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watchdog, "_state_of", lambda pid: "stopped")
+    monkeypatch.setattr(watchdog, "state_of", lambda pid: "stopped")
     closed, after_s = watch(stands_after(1.0))
     assert not closed and STILL_S < after_s - 1.0 <= STILL_S + 2.5 * LOOK_S
 

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,11 +35,11 @@ LENGTH, BLOCK = 4000, 10
 
 
 APPLICATION = """
-import sys, time
+import os, sys, time
 from hapscene.handle.live_process import LiveHandle
 if __name__ == "__main__":
     where = {"length": int(sys.argv[1]), "block": int(sys.argv[2]), "name": sys.argv[3]}
-    handle = LiveHandle(where, 1e4, 0, "serial", {"port": sys.argv[4]})
+    handle = LiveHandle(where, 1e4, 0, os.getppid(), "serial", {"port": sys.argv[4]})
     print(handle._process.pid, flush=True)
     time.sleep(600.0)
 """
@@ -118,7 +119,7 @@ def board() -> Iterator[Board]:
 
 def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Channel) -> None:
     ticks = Ticks(channel)
-    with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
+    with closing(LiveHandle(where(channel), 1e4, 0, os.getpid(), "serial", {"port": board.port})) as handle:
         board.wait_for_force()
         until(lambda: board.loud_count() > 10_000)
         report = handle.update_report()

@@ -34,14 +34,10 @@ WITHIN_MS = 30.0
 REOPENED_MS = 400.0
 """The same where the device must be opened again, and its library's thread hangs [ms]."""
 
-HANDLE_MS = 40.0
-"""The same for a handle, which plays its buffer and fades out when the servo dies [ms]."""
-
 
 @pytest.mark.parametrize(("driver", "event"), [(driver, event) for driver in DEVICES for event in events_of(driver)])
 def test_no_force_is_left_in_time(driver: str, event: str, tmp_path: Path) -> None:
-    usual_ms = HANDLE_MS if driver in ("serial", "usb") else WITHIN_MS
-    within_ms = REOPENED_MS if "hangs" in event else usual_ms
+    within_ms = REOPENED_MS if "hangs" in event else WITHIN_MS
     with busy_processes(2 * (os.cpu_count() or 1)):
         assert measure(driver, event, tmp_path) < within_ms
 

@@ -228,7 +228,7 @@ class ForceDimension(Library):
 
 
 class Network:
-    """A device on another computer: sends its position at 500 Hz, and stops its force 20 ms after the last answer."""
+    """A device on another computer: sends its position at 500 Hz, and stops its force 15 ms after the last answer."""
 
     axis, front_m, held = 0, 0.0, 0.3
     faults: ClassVar = {"no answers": {"silent": True}, "NaN": {"x_m": math.nan}}
@@ -263,7 +263,7 @@ class Network:
                 if answer.kind == STATE:
                     self._rows.append([time.monotonic_ns(), *struct.unpack_from("<Qd3d3d3d3d", answer.payload)[11:]])
             time.sleep(0.002)
-            if self._rows and time.monotonic_ns() - self._rows[-1][0] > 20_000_000:
+            if self._rows and time.monotonic_ns() - self._rows[-1][0] > 15_000_000:
                 self._rows.append([time.monotonic_ns(), 0.0, 0.0, 0.0])
 
     def move(self, x_m: float) -> None:

@@ -28,7 +28,8 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 
 
 SERVO = """
-import sys, threading, time, numpy as np
+import os, sys, threading, time, numpy as np
+from contextlib import closing
 from hapscene.loop.shared_memory import open_channel
 from hapscene.handle.live_process import LiveHandle
 
@@ -46,7 +47,7 @@ if __name__ == "__main__":
     thread = threading.Thread(target=tick, args=(channel, over))
     thread.start()
     where = {"length": 8000, "block": 10, "name": channel.memory.name}
-    with LiveHandle(where, 1e4, 0, "audio", {"gain": 0.02, "buffer_s": sys.argv[1]}) as handle:
+    with closing(LiveHandle(where, 1e4, 0, os.getpid(), "audio", {"gain": 0.02, "buffer_s": sys.argv[1]})) as handle:
         time.sleep(1.9)
         report = handle.update_report()
         over.set()  # ticks stop
