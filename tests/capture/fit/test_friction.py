@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.friction import COMMON_ERROR, EDGE_S, STROKES_MIN, fit_friction
+from hapscene.capture.fit.friction import COMMON_ERROR, EDGE_S, STROKES_MIN, _curve, fit_friction, no_sliding
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.io.streams import Streams, clean
 
@@ -96,6 +96,15 @@ def slides(tangential_N, speed_m_s, sliding, rate=1000.0):
     return [(streams, Segmentation(rate, states, (), None, None))]
 
 
+def test_the_reason_for_missing_sliding_has_the_threshold_and_the_highest_speed():
+    speed = np.array([0.002, 0.0123, 0.001])
+    parts = [
+        (Streams(1000.0, speed, np.ones(3), scale * speed, speed), Segmentation(1000.0, np.zeros(3, np.int8), (), *on))
+        for scale, on in ((1.0, (0.1, 0.05)), (0.5, (0.1, 0.04)), (1.0, (0.1, None)))
+    ]
+    assert "40 mm/s" in no_sliding(parts) and "12.3 mm/s" in no_sliding(parts) and no_sliding(parts[2:]) == ""
+
+
 def test_the_ends_of_sliding_are_omitted():
     """Slides of 0.15 s, which slip more easily in their first and last 50 ms: two thirds of all that slides."""
     cycle, edge = np.arange(100, 20_100) % 500, round(1000.0 * EDGE_S)
@@ -124,6 +133,15 @@ def test_outliers_do_not_change_the_stribeck_curve():
     found = fit_friction(slides(np.where(caught, 3.0, 1.0) * pull, speed, np.ones(len(t), bool)))
     assert found.dynamic == pytest.approx(0.30, rel=0.02)
     assert found.static == pytest.approx(0.45, rel=0.04)  # by least squares 0.6
+
+
+def test_the_error_of_a_curve_is_the_weighted_distance_of_the_outliers():
+    normal, speed = np.linspace(0.5, 4.0, 40), np.linspace(0.01, 0.2, 40)
+    ratio = 0.3 + 0.1 * np.exp(-((speed / 0.05) ** 2))
+    ratio[[7, 30]] += 0.5, -0.2
+    error, scale_m_s, weight = _curve(np.stack([ratio * normal, normal, speed]), 0.05)
+    assert error == pytest.approx(0.5 * normal[7] + 0.2 * normal[30], rel=1e-3) and scale_m_s == 0.05
+    assert weight[7] < 0.01 * weight[8] and weight[8] == pytest.approx(np.sqrt(normal[8]))
 
 
 def test_static_friction_needs_rest_and_force():

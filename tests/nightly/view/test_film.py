@@ -13,8 +13,7 @@ from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.view.palette import LIGHT
-from hapscene.view.picture import _compose, write_picture
+from hapscene.view.picture import write_picture
 
 SMALL = {"size": (320, 240), "seconds": 0.48}
 
@@ -56,18 +55,3 @@ def test_mp4(tmp_path: Path, scene: Scene, recording: Recording) -> None:
     reader = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
     about = next(reader)
     assert about["size"] == (320, 240) and about["fps"] == pytest.approx(25.0) and len(list(reader)) == 12
-
-
-def test_touch_is_in_real_time(scene: Scene, recording: Recording) -> None:
-    ticks = np.linspace(0, 1999, 30).round().astype(int)
-    drawing, _ = _compose(scene, recording, ticks, [0.0] * 30, (320, 240), LIGHT, "both")
-    tips_m = np.array([dict(frame.shown)[0][:3, 3] for frame in drawing.frames])
-    np.testing.assert_allclose(np.diff(tips_m, axis=0), np.diff(recording.p_WT_m[ticks], axis=0), atol=1e-12)
-    assert all(np.array_equal(frame.X_SC, drawing.frames[0].X_SC) for frame in drawing.frames)
-
-
-def test_mp4_without_encoder_raises(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapscene.view.picture.find_spec", lambda name: None)
-    with pytest.raises(ViewError, match="video"):
-        write_picture(scene, None, tmp_path / "a.mp4", **SMALL)
-    assert list(tmp_path.iterdir()) == []
