@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapscene.capture.recorder import REACHED, STOPPED, RecordingResult
 from hapscene.cli import main
 from hapscene.cli.capture import _remembered
+from hapscene.io.probe_protocol import Count
 from hapscene.surface.swatch_summary import lines
 from hapscene.swatches.library import load_swatch
 
@@ -41,6 +43,50 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         "oak.swatch",
     ):
         assert text in output
+
+
+@pytest.mark.parametrize(
+    ("measured_Hz", "restarts", "ended", "code", "notes"),
+    [
+        (2000.0, 0, STOPPED, 0, []),
+        (None, 0, REACHED, 0, []),
+        (
+            2100.0,
+            2,
+            "the probe is silent",
+            1,
+            ["2000 Hz; measured with the clock of this computer: 2100 Hz", "2 times"],
+        ),
+    ],
+)
+def test_record_prints_the_result_and_what_is_wrong_with_it(
+    measured_Hz: float | None,
+    restarts: int,
+    ended: str,
+    code: int,
+    notes: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    count = Count(dropped=40, restarts=restarts)
+    made = RecordingResult(tmp_path / "a.hsrec", 2000.0, 4000, count, measured_Hz, ended)
+    monkeypatch.setattr("hapscene.capture.recorder.record", lambda *given: made)
+    words = ["capture", "record", "--port", "none", "-o", str(made.path)]
+    made.path.touch()
+    assert main(words) == code
+    output = capsys.readouterr()
+    assert "a.hsrec" in output.out and f"2.000 s; dropped 40 (1 %), torn 0, garbage 0: {ended}" in output.out
+    lines = [line for line in output.err.splitlines() if ": note: " in line]
+    made.path.unlink()
+    assert len(lines) == len(notes) and all(note in line for note, line in zip(notes, lines, strict=True))
+
+    def interrupted(*given: object) -> None:
+        made.path.touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hapscene.capture.recorder.record", interrupted)
+    assert main(words) == 130 and "recorded so far are in" in capsys.readouterr().err
 
 
 def test_several_recordings_are_pooled(tmp_path: Path) -> None:

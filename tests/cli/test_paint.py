@@ -3,9 +3,11 @@
 import json
 import stat
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import trimesh
@@ -13,7 +15,7 @@ import trimesh
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.cli import main
-from hapscene.cli.paint import lead_browser
+from hapscene.cli.paint import _paint_until_ended, lead_browser
 from hapscene.errors import SceneError
 from hapscene.paint.model.document import describe_scene_file
 from hapscene.paint.opening import DEMO, _copy_demo, earlier_scenes, open_session
@@ -51,6 +53,44 @@ def test_the_browser_is_opened_with_a_private_file(folder: Path, monkeypatch: py
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
         assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
     assert not opener.parent.exists() and led.empty()
+
+
+@pytest.mark.parametrize(
+    ("kept", "changed", "dirty", "said"),
+    [
+        (True, True, True, "kept beside a.scene.json"),
+        (False, True, True, "lost: full disk"),
+        (False, False, True, "was not written"),
+        (False, False, False, ""),
+    ],
+)
+def test_at_the_end_the_state_of_unsaved_changes_is_printed(
+    kept: bool,
+    changed: bool,
+    dirty: bool,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    document, touch = SimpleNamespace(changed=changed, problem="full disk"), SimpleNamespace(problem="")
+    session = SimpleNamespace(document=document, dirty=dirty, path="a.scene.json")
+    page: Any = nullcontext()
+    page.url, page.public, page.kept = "http://here", kept, kept
+    page.context = SimpleNamespace(session=session, touch=touch)
+    problems = iter(["", "no hand", "no hand", ""])
+
+    def sleep(span_s: float) -> None:
+        try:
+            touch.problem = next(problems)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr("hapscene.cli.paint.time.sleep", sleep)
+    _paint_until_ended(page)
+    address, first, *lines = capsys.readouterr().out.splitlines()
+    assert address.startswith("http://here ") and first == "full disk" and lines.count("no hand") == 1
+    assert len(lines) == 1 + bool(said) + kept and any("open to the network" in line for line in lines) == kept
+    assert not said or said in lines[-1]
 
 
 def test_default_is_a_copy_of_the_demo(folder: Path) -> None:

@@ -66,7 +66,6 @@ def address(site: Path) -> Iterator[str]:
     server.server_close()
 
 
-@pytest.mark.nightly
 def test_get_from_a_web_server(
     address: str, sources: list[static_site.Source], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
