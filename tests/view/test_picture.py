@@ -15,7 +15,6 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view import picture
 from hapscene.view.figure_parts import BODIES, HEAD, SHAFT, TOOL
-from hapscene.view.palette import LIGHT
 from hapscene.view.picture import WIDTH, write_picture
 from hapscene.view.triangles import VIEW_FROM, Drawing
 
