@@ -55,42 +55,31 @@ def test_the_browser_is_opened_with_a_private_file(folder: Path, monkeypatch: py
     assert not opener.parent.exists() and led.empty()
 
 
-@pytest.mark.parametrize(
-    ("kept", "changed", "dirty", "said"),
-    [
+def test_at_the_end_the_state_of_unsaved_changes_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    touch, page = SimpleNamespace(problem=""), nullcontext[None]()
+    for kept, changed, dirty, said in (
         (True, True, True, "kept beside a.scene.json"),
         (False, True, True, "lost: full disk"),
         (False, False, True, "was not written"),
-        (False, False, False, ""),
-    ],
-)
-def test_at_the_end_the_state_of_unsaved_changes_is_printed(
-    kept: bool,
-    changed: bool,
-    dirty: bool,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    document, touch = SimpleNamespace(changed=changed, problem="full disk"), SimpleNamespace(problem="")
-    session = SimpleNamespace(document=document, dirty=dirty, path="a.scene.json")
-    page: Any = nullcontext()
-    page.url, page.public, page.kept = "http://here", kept, kept
-    page.context = SimpleNamespace(session=session, touch=touch)
-    problems = iter(["", "no hand", "no hand", ""])
+        (False, False, False, "no hand"),
+    ):
+        session = SimpleNamespace(document=SimpleNamespace(changed=changed, problem="full disk"), dirty=dirty)
+        session.path, context = "a.scene.json", SimpleNamespace(session=session, touch=touch)
+        vars(page).update(url="http://here", public=kept, kept=kept, context=context)
+        problems = iter(["", "no hand", "no hand", KeyboardInterrupt])
 
-    def sleep(span_s: float) -> None:
-        try:
-            touch.problem = next(problems)
-        except StopIteration:
-            raise KeyboardInterrupt from None
+        def sleep(span_s: float, problems: Any = problems) -> None:
+            if (problem := next(problems)) is KeyboardInterrupt:
+                raise problem
+            touch.problem = problem
 
-    monkeypatch.setattr("hapscene.cli.paint.time.sleep", sleep)
-    _paint_until_ended(page)
-    address, first, *lines = capsys.readouterr().out.splitlines()
-    assert address.startswith("http://here ") and first == "full disk" and lines.count("no hand") == 1
-    assert len(lines) == 1 + bool(said) + kept and any("open to the network" in line for line in lines) == kept
-    assert not said or said in lines[-1]
+        monkeypatch.setattr("hapscene.cli.paint.time.sleep", sleep)
+        _paint_until_ended(page)  # type: ignore[arg-type]
+        address, *lines = capsys.readouterr().out.splitlines()
+        assert address.startswith("http://here ") and lines[0] == "full disk" and lines.count("no hand") == 1
+        assert len(lines) == 2 + dirty + kept and ("open to the network" in lines[1]) == kept and said in lines[-1]
 
 
 def test_default_is_a_copy_of_the_demo(folder: Path) -> None:

@@ -148,40 +148,27 @@ def test_a_failed_servo_has_a_log(
     assert written == ["unplugged"] * (not alive)
 
 
-@pytest.mark.parametrize(
-    ("words", "starts", "given"),
-    [
-        (["--no-browser"], "on_page", {"kiosk_s": math.inf, "seconds": math.inf}),
-        (["--kiosk", "--seconds", "3"], "on_page", {"kiosk_s": play.KIOSK_S, "seconds": 3.0, "no_browser": False}),
-        (["--device", "omni", "--handle", "audio"], "with_device", {"at": None}),
-        (["--device", "omni", "--at", "0", "0", "0.1"], "with_device", {"at": (0.0, 0.0, 0.1)}),
-    ],
-)
-def test_play_on_the_page_or_with_a_device(
-    words: list[str],
-    starts: str,
-    given: dict[str, object],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     found: dict[str, object] = {}
 
     @contextmanager
-    def on_page(scene: object, place: dict[str, object], opens: bool, say: object, **made: object) -> Iterator[object]:
-        found.update(place, starts="on_page", no_browser=not opens)
+    def started(scene: object, given: object, last: object, say: object, **made: object) -> Iterator[object]:
+        found.update(given if isinstance(given, dict) else {}, last=last)
         yield FakeServo()
 
-    @contextmanager
-    def with_device(scene: object, devices: object, at: object, say: object, **made: object) -> Iterator[object]:
-        found.update(starts="with_device", at=at)
-        yield FakeServo()
-
-    monkeypatch.setattr("hapscene.play.start.on_page", on_page)
-    monkeypatch.setattr("hapscene.play.start.with_device", with_device)
+    monkeypatch.setattr("hapscene.play.start.on_page", started)
+    monkeypatch.setattr("hapscene.play.start.with_device", started)
     monkeypatch.setattr(play, "_watch", lambda servo, logs, seconds: found.update(seconds=seconds))
-    assert main(["play", DEMO, *words]) == 0
-    assert found == found | given and found["starts"] == starts
-    assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in words)
+    for words, given in (
+        (["--no-browser"], {"kiosk_s": math.inf, "last": False, "seconds": math.inf}),
+        (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "last": True, "seconds": 3.0}),
+        (["--device", "omni", "--handle", "audio"], {"last": None}),
+        (["--device", "omni", "--at", "0", "0", "0.1"], {"last": (0.0, 0.0, 0.1)}),
+    ):
+        found.clear()
+        assert main(["play", DEMO, *words]) == 0
+        assert found == found | given and ("kiosk_s" in found) == ("--device" not in words)
+        assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in words)
 
 
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:
