@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.friction import COMMON_ERROR, EDGE_S, STROKES_MIN, _curve, fit_friction, no_sliding
+from hapscene.capture.fit.friction import (
+    BEGUN_S,
+    COMMON_ERROR,
+    EDGE_S,
+    STROKES_MIN,
+    _curve,
+    _of_slips,
+    _slips,
+    fit_friction,
+    no_sliding,
+)
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.io.streams import Streams, clean
 
@@ -160,6 +170,29 @@ def test_static_friction_needs_rest_and_force():
         found.static == pytest.approx(0.5, rel=1e-6) and found.note == "Static friction is the median of 4 breakaways."
     )
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)
+
+
+def test_slips_start_at_the_static_and_move_at_the_dynamic_friction():
+    """40 ms of rest with a growing pull, then 20 ms of a slip; twenty times, with one lifted and one long slip."""
+    rate, cycle, number = 2000.0, np.arange(2400) % 120, np.arange(2400) // 120
+    slips = cycle >= 80
+    speed = np.where(slips, 0.2 * np.sin(np.pi * (cycle - 80) / 40), 0.0)
+    pull = np.where(slips, 0.3, 0.15 + 0.3 * cycle / 80)
+    states = np.where(slips, InteractionState.SLIDING, InteractionState.STILL).astype(np.int8)
+    states[(number == 7) & (cycle > 20) & (cycle < 40)] = InteractionState.AIR
+    speed[(number == 12) & ~slips] = 0.1
+    normal = 1.0 + 0.05 * number
+    recording = Streams(rate, 0.0 * speed, normal, speed, pull * normal), Segmentation(rate, states, (), 0.1, 0.02)
+    found = _slips([recording])
+    assert len(found) == 17  # without the first one, too
+    np.testing.assert_allclose([one[:3] for one in found], [(0.45, 7.5 * BEGUN_S, 0.3)] * 17, rtol=0.02)
+    friction = _of_slips(found)
+    assert (friction.static, friction.dynamic) == pytest.approx((0.45, 0.3), rel=0.01)
+    for name, value in (("friction_static", 0.45), ("friction_dynamic", 0.3)):
+        low, high = friction.intervals[name]
+        assert low <= value <= high and high - low < 0.1
+    still = recording[0], Segmentation(rate, states, (), 0.1, 1.0)
+    assert _slips([still]) == [] and "17 slips" in no_sliding([recording]) and "0.2" not in no_sliding([recording])
 
 
 @pytest.mark.nightly
