@@ -135,6 +135,7 @@ def _set(tree: dict, path: str, value: Any) -> None:
         ("meshes.0.primitives.0", 5),
         ("accessors.0.sparse", {}),
         ("accessors.0.count", 10**12),
+        ("accessors.0.count", 3),
         ("accessors.0.componentType", 5125),
         ("bufferViews.0.byteOffset", 1 << 39),
         ("materials.0.extras.swatch_file", "{}"),
