@@ -250,7 +250,12 @@ def test_a_line_of_sight_ends_on_the_first_face_that_points_to_the_eye() -> None
     assert sight.find(*inner) is None
     scene = make_scene()
     scene.bodies[0].two_sided = True
-    below = LineOfSight(scene).find(*inner)
+    low = scene.add(Mesh.from_trimesh(trimesh.creation.box((0.02, 0.02, 0.02)), "m"), name="low")
+    low.X_WB[:3, 3] = (0.1, 0.0, -0.1)
+    both = LineOfSight(scene)
+    np.testing.assert_allclose([both.low_m, both.size_m], [(-0.06, -0.06, -0.11), (0.17, 0.12, 0.11)])
+    assert both.clear_m == pytest.approx(0.02) and both.find((0.1, 0.0, 1.0), (0.0, 0.0, -1.0)) is not None
+    below = both.find(*inner)
     assert below is not None and below[0] == pytest.approx((0.0, 0.0, -0.02)) and below[2] == (0.0, 0.0, 1.0)
 
 
