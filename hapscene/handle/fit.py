@@ -384,10 +384,8 @@ class _Fit:
         starts with that one of a few stiffnesses which fits best.
         """
         guess, usual, scale = self.guess, Plant(), self.asymptote[0] / self.guess.m_h_kg
-        own, hand = (
-            np.log([(getattr(guess, name) or getattr(usual, name)) * scale for name in names])  # 0 has no logarithm
-            for names in (HANDLE_PARAMETERS, HAND_PARAMETERS)
-        )
+        own = np.log([scale * (getattr(guess, name) or getattr(usual, name)) for name in HANDLE_PARAMETERS])
+        hand = np.log([scale * (getattr(guess, name) or getattr(usual, name)) for name in HAND_PARAMETERS])
         tau = 1.0 / (2.0 * np.pi * guess.amplifier_Hz) / _DELAY_S
         starts = []
         for stiffer in (0.25, 0.5, 1.0, 2.0, 4.0):

@@ -159,16 +159,16 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
     monkeypatch.setattr("hapscene.play.start.on_page", started)
     monkeypatch.setattr("hapscene.play.start.with_device", started)
     monkeypatch.setattr(play, "_watch", lambda servo, logs, seconds: found.update(seconds=seconds))
-    for words, given in (
+    for options, given in (
         (["--no-browser"], {"kiosk_s": math.inf, "last": False, "seconds": math.inf}),
         (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "last": True, "seconds": 3.0}),
         (["--device", "omni", "--handle", "audio"], {"last": None}),
         (["--device", "omni", "--at", "0", "0", "0.1"], {"last": (0.0, 0.0, 0.1)}),
     ):
         found.clear()
-        assert main(["play", DEMO, *words]) == 0
-        assert found == found | given and ("kiosk_s" in found) == ("--device" not in words)
-        assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in words)
+        assert main(["play", DEMO, *options]) == 0
+        assert found == found | given and ("kiosk_s" in found) == ("--device" not in options)
+        assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in options)
 
 
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:
