@@ -383,9 +383,9 @@ class _Fit:
         The guess is scaled to the m_h of the asymptote. Its spring is tried with several stiffnesses, and each grip
         starts with that one of a few stiffnesses which fits best.
         """
-        guess, scale = self.guess, self.asymptote[0] / self.guess.m_h_kg
-        own = np.log([max(getattr(guess, name) * scale, 1e-9) for name in HANDLE_PARAMETERS])
-        hand = np.log(np.maximum([guess.k_u_N_m * scale, guess.b_u_Ns_m * scale], 1e-9))
+        guess, usual, scale = self.guess, Plant(), self.asymptote[0] / self.guess.m_h_kg
+        own = np.log([scale * (getattr(guess, name) or getattr(usual, name)) for name in HANDLE_PARAMETERS])
+        hand = np.log([scale * (getattr(guess, name) or getattr(usual, name)) for name in HAND_PARAMETERS])
         tau = 1.0 / (2.0 * np.pi * guess.amplifier_Hz) / _DELAY_S
         starts = []
         for stiffer in (0.25, 0.5, 1.0, 2.0, 4.0):

@@ -173,7 +173,7 @@ def _errors_name(path: Path, part: Path) -> Iterator[None]:
         full = error.filename is None and error.errno in FULL
         if not full and not str(error.filename).startswith(str(part)):
             raise
-        why = str(error.strerror or error).removeprefix("cannot be written: ")
+        why = str(error.strerror).removeprefix("cannot be written: ")
         if error.errno in FULL and FULL_HINT not in why:
             why += FULL_HINT
         raise OSError(error.errno, f"cannot be written: {why}", str(path)) from None
@@ -372,10 +372,9 @@ class _Listing:
         self._file = file
 
     def read(self, size: int = -1) -> bytes:
-        content = self._file.read(min(size, LISTING_MAX_B + 1) if size >= 0 else LISTING_MAX_B + 1)
-        if len(content) > LISTING_MAX_B:
+        if size > LISTING_MAX_B:
             raise ValueError(f"its directory is longer than {LISTING_MAX_B:,} bytes")
-        return content
+        return self._file.read(size)  # without a size: the last 64 KiB
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)

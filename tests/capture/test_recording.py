@@ -225,6 +225,13 @@ def test_the_power_over_time_is_preserved():
     assert (y[10_000:] ** 2).sum() == pytest.approx((AXES[:, 10_000:] ** 2).sum(), rel=0.04)
 
 
+def test_the_spectrum_of_each_axis_is_preserved():
+    tones = np.sin(2.0 * np.pi * np.array([[100.0], [200.0], [300.0]]) * np.arange(20_000) / RATE_HZ)
+    power = np.abs(np.fft.rfft(one_axis(tones, RATE_HZ))) ** 2
+    lines = [power[line - 10 : line + 11].sum() for line in (200, 400, 600)]
+    np.testing.assert_allclose(np.array(lines) / power.sum(), 1 / 3, atol=0.03)
+
+
 def test_rotating_gravity_is_removed():
     t_s = np.arange(20_000) / RATE_HZ
     turn = 9.81 * np.stack([np.sin(3 * t_s), np.cos(3 * t_s), 0.0 * t_s])

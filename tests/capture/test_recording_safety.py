@@ -1,7 +1,9 @@
 """Untrusted recordings: limited memory, no crash, no silently shortened data."""
 
+import io
 import json
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -61,6 +63,22 @@ def test_an_invalid_sample_rate_is_refused(rate_Hz: float, tmp_path: Path) -> No
     np.savez(tmp_path / "a.npz", acceleration=stream[:, 0], rate_Hz=rate_Hz)
     with pytest.raises(CaptureError):
         fit_swatch(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
+
+
+@pytest.mark.parametrize("wrong", ["compressed", "encrypted", "truncated", "no header"])
+def test_an_array_that_numpy_does_not_write_is_refused(wrong: str, tmp_path: Path) -> None:
+    packed = io.BytesIO()
+    np.save(packed, np.zeros(1000))
+    content = b"x" * 200 if wrong == "no header" else packed.getvalue()[: 4000 if wrong == "truncated" else None]
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("acceleration.npy", content, zipfile.ZIP_BZIP2 if wrong == "compressed" else None)
+    if wrong == "encrypted":
+        data = bytearray((tmp_path / "a.npz").read_bytes())
+        data[data.index(b"PK\x01\x02") + 8] |= 1
+        (tmp_path / "a.npz").write_bytes(data)
+    says = {"compressed": "encryption", "encrypted": "encryption", "truncated": "exceeds", "no header": "header"}
+    with pytest.raises(CaptureError, match=says[wrong]):
+        load_recording(tmp_path / "a.npz", 1000.0, units={"acceleration": "g"})
 
 
 def test_a_matlab_file_states_its_units(tmp_path: Path) -> None:

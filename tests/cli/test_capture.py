@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapscene.capture.recorder import REACHED, STOPPED, RecordingResult
 from hapscene.cli import main
 from hapscene.cli.capture import _remembered
+from hapscene.io.probe_protocol import Count
 from hapscene.surface.swatch_summary import lines
 from hapscene.swatches.library import load_swatch
 
@@ -41,6 +43,31 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         "oak.swatch",
     ):
         assert text in output
+
+
+def test_record_prints_the_result_and_what_is_wrong_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, count = tmp_path / "a.hsrec", Count(dropped=40, restarts=2)
+    words = ["capture", "record", "--port", "none", "-o", str(file)]
+    for measured_Hz, ended, code in ((2000.0, STOPPED, 0), (None, REACHED, 0), (2100.0, "the probe is silent", 1)):
+        made = RecordingResult(file, 2000.0, 4000, count, measured_Hz, ended)
+        monkeypatch.setattr("hapscene.capture.recorder.record", lambda *given, made=made: made)
+        file.touch()
+        assert main(words) == code
+        output = capsys.readouterr()
+        assert "a.hsrec" in output.out and f"2.000 s; dropped 40 (1 %), torn 0, garbage 0: {ended}" in output.out
+        assert ("measured with the clock of this computer: 2100 Hz" in output.err) == (measured_Hz == 2100.0)
+        assert ("restarted 2 times" in output.err) == (count.restarts > 0)
+        count = Count(dropped=40)
+    file.unlink()
+
+    def interrupted(*given: object) -> None:
+        file.touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hapscene.capture.recorder.record", interrupted)
+    assert main(words) == 130 and "recorded so far are in" in capsys.readouterr().err
 
 
 def test_several_recordings_are_pooled(tmp_path: Path) -> None:

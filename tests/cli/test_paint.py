@@ -3,9 +3,11 @@
 import json
 import stat
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import trimesh
@@ -13,7 +15,7 @@ import trimesh
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.cli import main
-from hapscene.cli.paint import lead_browser
+from hapscene.cli.paint import _paint_until_ended, lead_browser
 from hapscene.errors import SceneError
 from hapscene.paint.model.document import describe_scene_file
 from hapscene.paint.opening import DEMO, _copy_demo, earlier_scenes, open_session
@@ -51,6 +53,33 @@ def test_the_browser_is_opened_with_a_private_file(folder: Path, monkeypatch: py
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
         assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
     assert not opener.parent.exists() and led.empty()
+
+
+def test_at_the_end_the_state_of_unsaved_changes_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    touch, page = SimpleNamespace(problem=""), nullcontext[None]()
+    for kept, changed, dirty, said in (
+        (True, True, True, "kept beside a.scene.json"),
+        (False, True, True, "lost: full disk"),
+        (False, False, True, "was not written"),
+        (False, False, False, "no hand"),
+    ):
+        session = SimpleNamespace(document=SimpleNamespace(changed=changed, problem="full disk"), dirty=dirty)
+        session.path, context = "a.scene.json", SimpleNamespace(session=session, touch=touch)
+        vars(page).update(url="http://here", public=kept, kept=kept, context=context)
+        problems = iter(["", "no hand", "no hand", KeyboardInterrupt])
+
+        def sleep(span_s: float, problems: Any = problems) -> None:
+            if (problem := next(problems)) is KeyboardInterrupt:
+                raise problem
+            touch.problem = problem
+
+        monkeypatch.setattr("hapscene.cli.paint.time.sleep", sleep)
+        _paint_until_ended(page)  # type: ignore[arg-type]
+        address, *lines = capsys.readouterr().out.splitlines()
+        assert address.startswith("http://here ") and lines[0] == "full disk" and lines.count("no hand") == 1
+        assert len(lines) == 2 + dirty + kept and ("open to the network" in lines[1]) == kept and said in lines[-1]
 
 
 def test_default_is_a_copy_of_the_demo(folder: Path) -> None:

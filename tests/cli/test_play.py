@@ -4,6 +4,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -52,10 +53,24 @@ def test_invalid_options(words: list[str], output: str, capfd: pytest.CaptureFix
 class FakeServo:
     """Records the calls."""
 
-    mode = "running"
+    mode, alive = "running", True
 
     def __init__(self) -> None:
         self.asked: list[str] = []
+
+    def home(self) -> None:
+        raise DeviceError("no home")
+
+    def recover(self) -> None:
+        self.asked.append("recover")
+
+    def session_log(self, reason: str) -> str:
+        return reason
+
+    def stop_force(self) -> None: ...
+
+    def handle_report(self) -> dict[str, float]:
+        return {"latency_s": 0.02}
 
     def pause(self) -> None:
         self.asked.append("pause")
@@ -65,8 +80,18 @@ class FakeServo:
 
 
 class FakeMonitor:
+    faults = 0
+
     def lines(self) -> list[str]:
+        if self.faults:
+            self.faults -= 1
+            raise DeviceError("unplugged")
         return ["0 ticks/s", "latency", "idle", "longest tick", "w" * 100]
+
+    def summary(self) -> list[str]:
+        return ["3 ticks"]
+
+    def close(self) -> None: ...
 
 
 @pytest.fixture
@@ -86,20 +111,64 @@ def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp())
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setattr(play, "POLL_S", 0.01)
-    servo = FakeServo()
-    shown: list[str] = []
+    servo, monitor = FakeServo(), FakeMonitor()
+    shown, notes = list[str](), list[str]()
     monkeypatch.setattr(play, "print_in_place", shown.append)
+    monkeypatch.setattr(play, "print_note", notes.append)
+    monkeypatch.setattr("hapscene.loop.session_log.write_log", lambda log, folder: f"{folder}: {log}")
     with pressed_keys() as keys:
-        looks = iter([b"", b"  ", b" q"])
+        looks = iter([(b"", 0), (b"  rf", 0), (b" r ", 1), (b"", 0), (b"hq", 0)])
 
         def noted() -> bool:
-            os.write(terminal, next(looks))
+            pressed, monitor.faults = next(looks)
+            servo.mode = "error" if monitor.faults else "running"
+            os.write(terminal, pressed)
             return False
 
-        play._show_until_end(servo, FakeMonitor(), keys, noted, Path(), math.inf)  # type: ignore[arg-type]
-    assert servo.asked == ["pause", "resume", "pause"]
-    assert shown and all(len(line) < 80 for line in shown)
+        play._show_until_end(servo, monitor, keys, noted, Path("logs"), math.inf)  # type: ignore[arg-type]
+    assert servo.asked == ["pause", "resume", "recover", "resume"]
+    assert notes == ["logs: key f was pressed", "no home"]
+    assert len(shown) == 4 and all(len(line) < 80 for line in shown) and "unplugged" in shown[2]
     assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
+
+
+@pytest.mark.parametrize("alive", [True, False])
+def test_a_failed_servo_has_a_log(
+    alive: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    servo, monitor, written = FakeServo(), FakeMonitor(), list[str]()
+    monkeypatch.setattr("hapscene.play.monitor.Monitor", lambda servo: monitor)
+    monkeypatch.setattr("hapscene.loop.session_log.write_log", lambda log, folder: written.append(log) or "")
+    play._watch(servo, Path(), 0.0)  # type: ignore[arg-type]
+    assert capsys.readouterr().out.splitlines() == ["", "3 ticks"]
+    monkeypatch.setattr(play, "QUIET_S", 0.0)
+    servo.alive, monitor.faults = alive, 1
+    with pytest.raises(DeviceError, match="unplugged"):
+        play._watch(servo, Path(), math.inf)  # type: ignore[arg-type]
+    assert written == ["unplugged"] * (not alive)
+
+
+def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    found: dict[str, object] = {}
+
+    @contextmanager
+    def started(scene: object, given: object, last: object, say: object, **made: object) -> Iterator[object]:
+        found.update(given if isinstance(given, dict) else {}, last=last)
+        yield FakeServo()
+
+    monkeypatch.setattr("hapscene.play.start.on_page", started)
+    monkeypatch.setattr("hapscene.play.start.with_device", started)
+    monkeypatch.setattr(play, "_watch", lambda servo, logs, seconds: found.update(seconds=seconds))
+    for options, given in (
+        (["--no-browser"], {"kiosk_s": math.inf, "last": False, "seconds": math.inf}),
+        (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "last": True, "seconds": 3.0}),
+        (["--device", "omni", "--handle", "audio"], {"last": None}),
+        (["--device", "omni", "--at", "0", "0", "0.1"], {"last": (0.0, 0.0, 0.1)}),
+    ):
+        found.clear()
+        assert main(["play", DEMO, *options]) == 0
+        assert found == found | given and ("kiosk_s" in found) == ("--device" not in options)
+        assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in options)
 
 
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:

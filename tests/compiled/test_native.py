@@ -11,13 +11,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from numba import config, from_dtype, njit, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.itanium_mangler import mangle_type
 
-from hapscene.compiled import cache, digest, progress
+from hapscene.compiled import cache, digest, pipeline, progress
 from hapscene.compiled.native import INTERPRETED, CFunction, compiling, inlined, native
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="nothing is compiled: NUMBA_DISABLE_JIT")
@@ -256,3 +257,32 @@ def test_digest_distinguishes_inlining() -> None:
         return x
 
     assert digest.digest_of(calling(native(plain)))[0] != digest.digest_of(calling(inlined(plain)))[0]
+
+
+def test_functions_in_the_cache_are_known(compiled: Callable[..., Any]) -> None:
+    compiled()
+    folder = cache.cache_folder()
+    assert folder is not None
+    for file in folder.glob("*.nbc"):
+        known = file.stem.split("-")[-2]
+        assert cache.is_known(known) and not cache.is_known(known[::-1])
+
+
+def test_shipped_code_runs_where_the_processor_has_all_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    has = dict.fromkeys(cache.V3_FEATURES.split(), True)
+    for cpu, portable, features, runs in (
+        (None, "x86-64-v3", has, True),
+        (None, "x86-64-v3", has | {next(iter(has)): False}, False),
+        (None, "generic", {}, True),
+        ("generic", "x86-64-v3", has, False),
+    ):
+        monkeypatch.setattr(config, "CPU_NAME", cpu)
+        monkeypatch.setattr(cache, "PORTABLE_CPU", portable)
+        monkeypatch.setattr(cache.llvm, "get_host_cpu_features", lambda features=features: features)
+        assert cache._runs_portable_code.__wrapped__() == runs
+
+
+def test_other_versions_of_numba_are_not_supported(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert pipeline._is_supported() == any(numba.__version__.startswith(f"{a}.{b}.") for a, b in pipeline.TESTED)
+    monkeypatch.setattr(pipeline, "TESTED", ())
+    assert not pipeline._is_supported()

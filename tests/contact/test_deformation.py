@@ -5,6 +5,8 @@ import pytest
 import trimesh
 
 from hapscene import Flag, Mesh, Renderer, Scene
+from hapscene.contact.inside import look_direction
+from hapscene.contact.world import WAYS
 from hapscene.errors import SceneError, UsageWarning
 
 BALL = trimesh.creation.icosphere(3, radius=0.05)
@@ -24,6 +26,13 @@ def bent(vertices: np.ndarray, phase: float) -> np.ndarray:
     moved[:, 0] += 0.2 * np.sin(1.3 * phase) * vertices[:, 2]
     moved[:, 2] += 0.004 * np.sin(60.0 * vertices[:, 1] + phase)
     return moved
+
+
+def test_rays_look_along_the_axes_and_into_the_octants() -> None:
+    ways = np.array([look_direction(way) for way in range(WAYS)])
+    signs = {(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x * x + y * y + z * z in (1, 3)}
+    assert {tuple(np.sign(way).astype(int)) for way in ways} == signs
+    np.testing.assert_allclose(np.linalg.norm(ways, axis=1), 1.0)
 
 
 @pytest.mark.parametrize("crease_rad", [0.0, 0.6])

@@ -69,6 +69,7 @@ def test_default_handle_is_identified() -> None:
     assert max(map(abs, off.values())) < 0.1
     assert len(misses(found, Plant(), grips)) <= 2  # of 15 at 95 %
     assert found.misfit == pytest.approx(1.0, abs=0.05) and not found.absent
+    assert found.band_Hz == pytest.approx((10.0, 1000.0), rel=0.05)
     assert found.plant.amplifier_Hz == pytest.approx(5000.0, rel=0.03) and abs(found.delay_s) < 1e-6
 
 
@@ -105,9 +106,10 @@ def test_two_equal_poles_are_the_limit_of_two_that_are_apart() -> None:
 def test_without_noise_the_answer_is_exact() -> None:
     grips = [("light", 200.0, 3.0), ("firm", 1500.0, 10.0)]
     responses = measured(Plant(), grips, Sweep(), quiet=True)
-    found = identify(responses, RATE_HZ, ["light", "firm"])
-    assert max(map(abs, errors(found, Plant(), grips).values())) < 3e-3
-    assert abs(found.plant.m_h_kg / 0.12 - 1.0) < 1e-4
+    for guess in (None, Plant(k_s_N_m=200.0, b_s_Ns_m=0.0, k_u_N_m=0.0, b_u_Ns_m=0.0)):
+        found = identify(responses, RATE_HZ, ["light", "firm"], guess=guess)
+        assert max(map(abs, errors(found, Plant(), grips).values())) < 3e-3
+        assert abs(found.plant.m_h_kg / 0.12 - 1.0) < 1e-4
 
 
 def test_one_grip_determines_the_mass_only() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.board import EMPTY, LIMITED, LIVE, RUN, START, LiveBoard, live_start
+from hapscene.handle.board import BUFFER, EMPTY, LIMITED, LINE_COUNT, LIVE, RUN, START, LiveBoard, live_start
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
 from hapscene.io.probe_protocol import Column, Header, sample_line, sealed
@@ -119,6 +119,13 @@ def test_samples_are_put_out_in_order_and_measured() -> None:
     assert number.tolist() == list(range(len(number))) and len(number) > 2500 and np.abs(acceleration).max() > 5.0
     assert 0.002 < live.latency_s < 0.016
     live.close()  # twice does no harm
+
+
+def test_the_buffer_has_room_for_a_line_and_holds_two() -> None:
+    for ahead_s, count in ((0.015, 75), (0.0, 2 * LINE_COUNT), (1.0, BUFFER - LINE_COUNT)):
+        live = board(Wire(peer()), ahead_s=ahead_s)
+        assert live.latency_s * live.rate_Hz == pytest.approx(count)
+        live.close()
 
 
 def peer_force(peer: Peer) -> bool:

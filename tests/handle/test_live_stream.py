@@ -93,6 +93,15 @@ def test_it_fades_in_and_out() -> None:
     np.testing.assert_allclose(got[at : 24_000 - at], 0.5, rtol=1e-6)
 
 
+def test_an_ended_stream_is_over_after_the_fade() -> None:
+    clocks = Clocks(sine)
+    clocks.run(1.0)
+    clocks.stream.end()
+    before = clocks.stream.over
+    tail = clocks.run(0.2)
+    assert (before, clocks.stream.over) == (False, True) and tail[:100].any() and not tail[-2000:].any()
+
+
 def test_the_limiter_attenuates_in_advance_without_clipping() -> None:
     t_s = np.arange(20_000) / RATE_HZ
     loud = np.where((t_s > 0.8) & (t_s < 1.2), 8.0, 1.0) * sine(t_s)

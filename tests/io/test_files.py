@@ -1,15 +1,17 @@
 """Atomic writes of files and folders."""
 
 import errno
+import io
 import os
 import stat
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from hapscene.errors import ViewError
+from hapscene.errors import FormatError, ViewError
 from hapscene.io import files
 from hapscene.io.files import check_file, whole_file, whole_folder
 
@@ -117,6 +119,21 @@ def test_error_names_the_requested_path(tmp_path: Path) -> None:
         assert caught.value.filename == str(place) and files.FULL_HINT not in str(caught.value)
 
 
+def test_the_directory_of_an_archive_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("a.txt", b"content")
+        archive.comment = b"a comment"
+    size_B = len(packed.getvalue()) - packed.getvalue().rindex(b"PK\x01\x02") - 22 - len(archive.comment)
+    for limit_B in (size_B, size_B - 1):
+        monkeypatch.setattr(files, "LISTING_MAX_B", limit_B)
+        if limit_B == size_B:
+            assert files.open_zip(packed, 1000, "").read("a.txt") == b"content"
+            continue
+        with pytest.raises(FormatError, match="directory"):
+            files.open_zip(packed, 1000, "")
+
+
 # Temporary files of processes that were killed.
 
 
@@ -187,6 +204,7 @@ def test_disk_full_error_names_the_requested_path(tmp_path: Path, whole: Any, na
     with pytest.raises(OSError) as caught, whole(tmp_path / "a.out") as part:
         raise OSError(errno.ENOSPC, f"No room{hint}", *([str(part)] if named else []))
     assert caught.value.filename == str(tmp_path / "a.out") and str(caught.value).count(files.FULL_HINT) == 1
+    assert str(part) not in str(caught.value)
 
 
 def test_other_errors_are_unchanged(tmp_path: Path) -> None:

@@ -163,6 +163,35 @@ class FakeServo:
         return SimpleNamespace(tick=0, touching=False)
 
 
+def test_traces_hold_the_extremes_of_all_tools_in_each_bin(page: PageServer) -> None:
+    ticks, rng = 3 * page_server.BIN + 1, np.random.default_rng(0)
+    rows = np.zeros((2, ticks), [("f_W_N", float, 3), ("slip_m_s", float)])
+    rows["f_W_N"], rows["slip_m_s"], a_m_s2 = (rng.normal(size=(2, ticks, *n)) for n in ((3,), (), (10,)))
+    kept = [0, 0]
+
+    class Touched(FakeServo):
+        def state(self, tool: int) -> Any:
+            place = {"p_WP_m": (1e-3, 2e-3, 0.0), "f_W_N": (0.0, 0.3, 0.4), "depth_m": 2e-4, "swatch": 3}
+            return SimpleNamespace(tick=ticks - 1, touching=tool == 1, **place)
+
+        def read(self, since: int, tool: int) -> Any:
+            first = max(since, kept[tool])
+            return SimpleNamespace(rows=rows[tool, first:], a_m_s2=a_m_s2[tool, first:])
+
+    servo: Any = Touched(make_scene())
+    bins = [np.arange(ticks)[at : at + page_server.BIN] for at in range(0, ticks - 1, page_server.BIN)]
+    for tools in ([0, 1], [1]):
+        felt, since = page._felt(servo, 0)
+        f_N, v_m_s = np.linalg.norm(rows["f_W_N"], axis=-1)[tools], rows["slip_m_s"][tools]
+        a = [a_m_s2[tools][:, at].ravel() for at in bins]
+        assert felt["f"] == pytest.approx([f_N[:, at].max() for at in bins], abs=1e-4)
+        assert felt["v"] == pytest.approx([max(v_m_s[:, at].max(), 0.0) for at in bins], abs=1e-4)
+        assert felt["a"] == pytest.approx([peaks[np.abs(peaks).argmax()] for peaks in a], abs=1e-4)
+        assert felt["felt"] == [[[0.001, 0.002, 0.0], 0.5, 0.2, 3]] and since == ticks - 1
+        kept[0] = 2  # the log of this tool is overwritten
+    assert page._felt(servo, -1) == ({"f": [], "a": [], "v": [], "felt": felt["felt"]}, ticks - 1)
+
+
 def test_kiosk_resets_effects_and_sound(page: PageServer, clock: VirtualClock) -> None:
     servo: Any = FakeServo(make_scene())
     switched: list[Any] = []
@@ -217,7 +246,17 @@ def test_a_line_of_sight_ends_on_the_first_face_that_points_to_the_eye() -> None
     steep = sight.find((-0.065, 0.0, 0.03), (0.1, 0.0, -0.7))
     assert steep is not None and steep[2] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-12)
     assert sight.find((-0.2, 0.0, -0.01), (1.0, 0.0, 0.0)) is None  # level
-    assert sight.find((0.0, 0.0, -0.01), (0.0, 0.0, -1.0)) is None  # an inner face
+    inner = (0.0, 0.0, -0.01), (0.0, 0.0, -1.0)
+    assert sight.find(*inner) is None
+    scene = make_scene()
+    scene.bodies[0].two_sided = True
+    low = scene.add(Mesh.from_trimesh(trimesh.creation.box((0.02, 0.02, 0.02)), "m"), name="low")
+    low.X_WB[:3, 3] = (0.1, 0.0, -0.1)
+    both = LineOfSight(scene)
+    np.testing.assert_allclose([both.low_m, both.size_m], [(-0.06, -0.06, -0.11), (0.17, 0.12, 0.11)])
+    assert both.clear_m == pytest.approx(0.02) and both.find((0.1, 0.0, 1.0), (0.0, 0.0, -1.0)) is not None
+    below = both.find(*inner)
+    assert below is not None and below[0] == pytest.approx((0.0, 0.0, -0.02)) and below[2] == (0.0, 0.0, 1.0)
 
 
 def test_without_a_scene_the_pad_is_touched() -> None:

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import MeshError
+from hapscene.scene.material import Material
 from hapscene.scene.mesh import Mesh
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
@@ -63,6 +64,17 @@ def test_invalid_arrays_raise(vertices, faces, place):
     with pytest.raises(MeshError) as caught:
         Mesh(vertices, faces)
     assert place in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["group", "material"])
+def test_index_of_a_name_out_of_range_raises(name):
+    more = {"materials": (Material(), Material())} if name == "material" else {"group_names": ("a", "b")}
+    least = -1 if name == "material" else 0
+    for wrong in (least - 1, 2):
+        with pytest.raises(MeshError, match=name):
+            Mesh(VERTICES, FACES, **{name: np.array([0, 1, wrong, 1], np.int16)}, **more)
+    made = Mesh(VERTICES, FACES, **{name: np.array([0, 1, least, 1], np.int16)}, **more)
+    assert getattr(made, name).tolist() == [0, 1, least, 1]
 
 
 def test_from_trimesh_requires_units():

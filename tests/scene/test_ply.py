@@ -6,7 +6,7 @@ import pytest
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.ply import save_mesh
+from hapscene.scene.ply import declared_counts, save_mesh
 
 
 def random_mesh(seed: int = 0) -> Mesh:
@@ -46,6 +46,12 @@ def test_file_without_faces_raises(tmp_path, elements):
     (tmp_path / "m.ply").write_text(f"{HEAD}{elements}end_header\n")
     with pytest.raises(MeshError, match="faces"):
         load_mesh(tmp_path / "m.ply", "m")
+
+
+@pytest.mark.parametrize("content", [b"plx\nelement face 1\nend_header\n", b"ply\nelement face 1\n"])
+def test_content_without_a_header_raises(content):
+    with pytest.raises(MeshError, match="no header"):
+        declared_counts(content, "m")
 
 
 def strips(kind: str, *of_strips: list[int], index: str = "int") -> bytes:

@@ -46,7 +46,11 @@ def test_box():
         (lambda: Sphere((0, 0, 0), 0), "radius_m"),
         (lambda: Sphere((0, 0, math.nan), 1), "centre_m"),
         (lambda: PlaneSide((0, 0, 0), (0, 0, 0)), "normal"),
-        (lambda: Tube((), 0.01), "points_m"),
+        (lambda: Tube(np.zeros((0, 3)), 0.01), "points_m"),
+        (lambda: Tube(((0, 0),), 0.01), "points_m"),
+        (lambda: Tube(((0, 0, math.nan),), 0.01), "points_m"),
+        (lambda: Tube("here", 0.01), "points_m"),
+        (lambda: Tube(((0, 0, 0),), -1), "radius_m"),
     ],
 )
 def test_invalid_region_raises(make, field):

@@ -1,14 +1,22 @@
 """The Z-width: classification of trials, and the boundary of the region."""
 
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from hapscene.device.model import device_named
 from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.stability import study
 from hapscene.stability.rig import Rig
-from hapscene.stability.study import _label
-from hapscene.stability.z_width import REST_M_S, WORK_J, Point, describe, place, trace, try_wall
+from hapscene.stability.study import LABEL_RATIO, TOP_N_M, _label, stability, verdicts
+from hapscene.stability.z_width import REST_M_S, WORK_J, Point, StableRegion, describe, place, trace, try_wall
 from hapscene.surface.swatch import Swatch
 
 LIGHT = grip_named("light")
@@ -68,3 +76,52 @@ def test_many_swatches_at_one_position_share_a_label() -> None:
 )
 def test_describe(point: Point, expected: str) -> None:
     assert describe(point, 1000.0, 0) == expected
+
+
+STEEL = Point("steel", 20_000.0, 2.0, 700.0, 0.0, False, True)
+GEL = Point("gel", 19_000.0, 2.0, 19_000.0, 2.0, False, False)
+FELT = Point("felt", 200.0, 0.0, 200.0, 0.0, True, True)
+
+
+def test_swatches_that_are_stable_nowhere_or_within_limits_only_have_a_verdict_each() -> None:
+    lines = verdicts({(1000.0, 0): [STEEL, FELT], (1000.0, 1): [FELT, GEL]})
+    assert lines == [describe(STEEL, 1000.0, 0), describe(GEL, 1000.0, 1), "stable at every rate and delay: felt"]
+    assert verdicts({(1000.0, 0): [GEL]}) == [describe(GEL, 1000.0, 0)]
+
+
+def test_study_writes_its_tables_and_a_panel_for_each_rate_and_delay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures, said = list[Any](), list[str]()
+    region = StableRegion("omni", 1000.0, 0, (0.0, 2.0, 8.0), (800.0, math.inf, 0.0), (-1.0, 900.0, 1e6))
+    regions = [replace(region, rate_Hz=rate_Hz, delay_ticks=delay) for delay in (0, 2) for rate_Hz in (1e3, 2e3)]
+    monkeypatch.setattr(study, "trace_all", lambda *given, **more: regions)
+    monkeypatch.setattr(study, "place", lambda *given: [STEEL, GEL, FELT])
+    monkeypatch.setattr(study, "save_both", lambda figure, path, dpi: pictures.append(figure))
+    made = stability(tmp_path / "out", "omni", (1000.0, 2000.0), (0, 2), LIGHT, [], said.append)
+    assert [file.name for file in made] == ["swatches.csv", "verdicts.txt", "z_width.csv"]
+    assert "".join(said) == made[1].read_text(encoding="utf-8") and len(said) == 9
+    with made[2].open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12 and list(rows[1].values()) == ["omni", "1000", "0", "2", "inf", "900"]
+    with made[0].open(encoding="utf-8", newline="") as file:
+        assert list(list(csv.reader(file))[-1]) == ["2000", "2", "felt", "200", "0", "200", "0", "True", "True"]
+
+    axes = pictures[0].axes
+    titles = ["1 kHz, no delay", "2 kHz, no delay", "1 kHz, delay 2 ticks", "2 kHz, delay 2 ticks"]
+    assert [ax.get_title("left") for ax in axes] == titles
+    assert [bool(ax.get_xlabel()) for ax in axes] == [False, False, True, True]
+    assert [bool(ax.get_ylabel()) for ax in axes] == [True, False, True, False]
+    lines = {line.get_label(): line.get_xydata() for line in axes[0].lines}
+    bottom = axes[0].get_ylim()[0]
+    assert lines["omni: simulated limit"].tolist() == [[0.0, 800.0], [2.0, TOP_N_M], [8.0, bottom]]
+    assert lines["closed form, without friction"].tolist() == [[2.0, 900.0], [8.0, TOP_N_M]]
+    assert lines["limits of the device"][0, 0] == 0.0 and lines["limits of the device"][2, 1] == bottom
+    labels = {note.get_text(): (note.xy, note.get_position(), note.get_ha()) for note in axes[0].texts}
+    assert labels == {
+        "felt": ((0.0, 200.0), (-0.12, 200.0), "right"),
+        "gel: unstable": ((2.0, 19_000.0), (2.7, 19_000.0), "left"),
+        "steel: unstable": ((2.0, 20_000.0), (2.7, pytest.approx(LABEL_RATIO * 19_000.0)), "left"),
+    }
+    with pytest.raises(HapsceneError, match="no mass"):
+        stability(tmp_path / "out", "ideal", (1000.0,), (0,), LIGHT, [])

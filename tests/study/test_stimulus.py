@@ -116,7 +116,7 @@ def test_a_swatch_at_the_force_and_speed_of_a_recording(recorded: Path, of_it: S
 @pytest.mark.parametrize(
     ("shown", "match"),
     [
-        ({**MADE, "seconds": 20.0}, "made.csv"),
+        ({**MADE, "seconds": 20.0}, "made.csv takes 5 s;"),
         ({**MADE, "units": {}}, "unit"),
         ({**MADE, "recording": "none.csv"}, "none.csv"),
         ({"swatch": "oka"}, "no swatch 'oka'"),

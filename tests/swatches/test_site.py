@@ -18,6 +18,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.swatches import site as static_site
 from hapscene.swatches.library import add, entry_of, load_swatch, own_entries
 from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
+from hapscene.swatches.words import Phrase
 
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
@@ -65,7 +66,6 @@ def address(site: Path) -> Iterator[str]:
     server.server_close()
 
 
-@pytest.mark.nightly
 def test_get_from_a_web_server(
     address: str, sources: list[static_site.Source], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,6 +151,21 @@ def pages(name: str, provenance: str, licence: str, tag: str, title: str) -> lis
     swatch = Swatch(name, provenance=provenance, licence=licence, absent={"stiffness_N_m": provenance}, tool=tag)
     entry = entry_of(swatch, b"", tags=(tag,))
     return [first_page([swatch], [entry], title), swatch_page(swatch, entry, [], title)]
+
+
+@pytest.mark.parametrize(
+    ("figure", "reason", "shown"),
+    [
+        ("650 N/m", "", "650 N/m"),
+        ("", "no tap was found", "no tap was found"),
+        ("650 N/m", "no depth", "650 N/m (assumed: no depth)"),
+    ],
+)
+def test_figure_of_a_quality_has_the_reason_why_it_is_assumed(figure: str, reason: str, shown: str) -> None:
+    phrase = Phrase("hardness", "firm", figure)
+    for key in ("stiffness_N_m", "stiffness_N_m.level"):
+        row = static_site._row(Swatch("a", absent={key: reason} if reason else {}), phrase)
+        assert row.endswith(f'<td class="value">firm</td><td class="figure"><bdi>{shown}</bdi></td></tr>')
 
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())

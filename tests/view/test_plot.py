@@ -61,7 +61,10 @@ def spans(collection) -> list[tuple[float, float]]:
 
 
 def test_lines(recording: Recording) -> None:
-    force, depth, acceleration = draw_plot(recording).axes[1:4]
+    swatch, force, depth, acceleration, spectrum, bar = draw_plot(recording).axes
+    units = ["", "N", "mm", "m/s²", "Hz", "dB re 1 (m/s²)²/Hz"]
+    labels = [ax.get_ylabel() for ax in (swatch, force, depth, acceleration, spectrum, bar)]
+    assert all(unit in label for unit, label in zip(units, labels, strict=True)) and depth.get_ylim()[0] == 0.0
     lines = drawn(force)
     np.testing.assert_allclose(lines["magnitude"], np.linalg.norm(recording.f_W_N, axis=1))
     np.testing.assert_array_equal(np.stack([lines[axis] for axis in "xyz"], axis=1), recording.f_W_N)
@@ -104,6 +107,7 @@ def test_closed_loop_plot(recording: Recording) -> None:
     )
     height, force, acceleration, work = (ax for ax in draw_hand_plot(feel, "a title").axes)
     lines = drawn(height)
+    assert ["mm" in height.get_ylabel(), "N" in force.get_ylabel(), "mJ" in work.get_ylabel()] == [True] * 3
     np.testing.assert_allclose(lines["target of the hand"], 1e3 * feel.target_W_m[:, 2])
     np.testing.assert_allclose(lines["device"], 1e3 * feel.p_W_m[:, 2])
     on = np.where(recording.touching, 1e3 * recording.p_WP_m[:, 2], np.nan)

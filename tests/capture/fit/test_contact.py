@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.contact import fit_contact
+from hapscene.capture.fit.contact import _pull, fit_contact
 from hapscene.capture.fit.segment import segment
 from hapscene.capture.io.streams import clean, part_of
 
@@ -95,6 +95,18 @@ def test_adhesion_without_recorded_depth_uses_the_speed():
     channels.speed_m_s[:] = 0.1  # it slides before and after it leaves
     channels.speed_m_s[0] = 0.0
     assert "adhesion_N" in fit_contact([(channels, states)]).absent
+
+
+@pytest.mark.parametrize(("pressed_N", "pulled_N", "fits"), [(0.0, 0.0, True), (0.8, 0.0, False), (0.0, 1.5, False)])
+def test_a_curve_that_spring_and_adhesion_do_not_explain_has_no_adhesion(pressed_N, pulled_N, fits):
+    """With a wave in the force before or after the surface pulls: of the total, or of the pull, too much is left."""
+    depth = np.linspace(2e-3, -3e-3, 500)
+    beyond = np.maximum(-depth, 0.0) / 5e-4
+    force = 1500.0 * np.maximum(depth, 0.0) - 1.5 * beyond * np.exp(1.0 - beyond)
+    wave = np.sin(2.0 * np.pi * np.arange(500) / 100.0)
+    found = _pull(force + np.where(depth > 0.0, pressed_N, pulled_N) * wave, depth, RATE_HZ, {})
+    assert (found is not None) == fits
+    assert not fits or found[0] == pytest.approx([1.5, 5e-4], rel=0.02)
 
 
 def test_vibration_of_leaving_over_speed():

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.friction import COMMON_ERROR, EDGE_S, STROKES_MIN, fit_friction
+from hapscene.capture.fit.friction import (
+    BEGUN_S,
+    COMMON_ERROR,
+    EDGE_S,
+    STROKES_MIN,
+    _curve,
+    _of_slips,
+    _slips,
+    fit_friction,
+    no_sliding,
+)
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.io.streams import Streams, clean
 
@@ -96,6 +106,15 @@ def slides(tangential_N, speed_m_s, sliding, rate=1000.0):
     return [(streams, Segmentation(rate, states, (), None, None))]
 
 
+def test_the_reason_for_missing_sliding_has_the_threshold_and_the_highest_speed():
+    speed = np.array([0.002, 0.0123, 0.001])
+    parts = [
+        (Streams(1000.0, speed, np.ones(3), scale * speed, speed), Segmentation(1000.0, np.zeros(3, np.int8), (), *on))
+        for scale, on in ((1.0, (0.1, 0.05)), (0.5, (0.1, 0.04)), (1.0, (0.1, None)))
+    ]
+    assert "40 mm/s" in no_sliding(parts) and "12.3 mm/s" in no_sliding(parts) and no_sliding(parts[2:]) == ""
+
+
 def test_the_ends_of_sliding_are_omitted():
     """Slides of 0.15 s, which slip more easily in their first and last 50 ms: two thirds of all that slides."""
     cycle, edge = np.arange(100, 20_100) % 500, round(1000.0 * EDGE_S)
@@ -126,6 +145,15 @@ def test_outliers_do_not_change_the_stribeck_curve():
     assert found.static == pytest.approx(0.45, rel=0.04)  # by least squares 0.6
 
 
+def test_the_error_of_a_curve_is_the_weighted_distance_of_the_outliers():
+    normal, speed = np.linspace(0.5, 4.0, 40), np.linspace(0.01, 0.2, 40)
+    ratio = 0.3 + 0.1 * np.exp(-((speed / 0.05) ** 2))
+    ratio[[7, 30]] += 0.5, -0.2
+    error, scale_m_s, weight = _curve(np.stack([ratio * normal, normal, speed]), 0.05)
+    assert error == pytest.approx(0.5 * normal[7] + 0.2 * normal[30], rel=1e-3) and scale_m_s == 0.05
+    assert weight[7] < 0.01 * weight[8] and weight[8] == pytest.approx(np.sqrt(normal[8]))
+
+
 def test_static_friction_needs_rest_and_force():
     """Three starts from rest: one after a rest too brief to count, one of a tool that hardly touches."""
     rate, cycle = 1000.0, np.arange(6000) % 1000
@@ -142,6 +170,29 @@ def test_static_friction_needs_rest_and_force():
         found.static == pytest.approx(0.5, rel=1e-6) and found.note == "Static friction is the median of 4 breakaways."
     )
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)
+
+
+def test_slips_start_at_the_static_and_move_at_the_dynamic_friction():
+    """40 ms of rest with a growing pull, then 20 ms of a slip; twenty times, with one lifted and one long slip."""
+    rate, cycle, number = 2000.0, np.arange(2400) % 120, np.arange(2400) // 120
+    slips = cycle >= 80
+    speed = np.where(slips, 0.2 * np.sin(np.pi * (cycle - 80) / 40), 0.0)
+    pull = np.where(slips, 0.3, 0.15 + 0.3 * cycle / 80)
+    states = np.where(slips, InteractionState.SLIDING, InteractionState.STILL).astype(np.int8)
+    states[(number == 7) & (cycle > 20) & (cycle < 40)] = InteractionState.AIR
+    speed[(number == 12) & ~slips] = 0.1
+    normal = 1.0 + 0.05 * number
+    recording = Streams(rate, 0.0 * speed, normal, speed, pull * normal), Segmentation(rate, states, (), 0.1, 0.02)
+    found = _slips([recording])
+    assert len(found) == 17  # without the first one, too
+    np.testing.assert_allclose([one[:3] for one in found], [(0.45, 7.5 * BEGUN_S, 0.3)] * 17, rtol=0.02)
+    friction = _of_slips(found)
+    assert (friction.static, friction.dynamic) == pytest.approx((0.45, 0.3), rel=0.01)
+    for name, value in (("friction_static", 0.45), ("friction_dynamic", 0.3)):
+        low, high = friction.intervals[name]
+        assert low <= value <= high and high - low < 0.1
+    still = recording[0], Segmentation(rate, states, (), 0.1, 1.0)
+    assert _slips([still]) == [] and "17 slips" in no_sliding([recording]) and "0.2" not in no_sliding([recording])
 
 
 @pytest.mark.nightly

@@ -129,6 +129,14 @@ def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:
         synthesize(modulated(), force, speed, modulation=np.nan)
 
 
+def test_the_gain_changes_along_the_way_of_the_stroke() -> None:
+    force, speed = np.ones(4000), np.full(4000, 0.1)
+    stopped = np.where(np.arange(4000) < 2000, speed, 0.02)
+    moved, slowed = (synthesize(modulated(), force, v) for v in (speed, stopped))
+    np.testing.assert_array_equal(moved[:1800], slowed[:1800])
+    assert not np.allclose(moved[2200:], slowed[2200:])
+
+
 @pytest.mark.parametrize("warp", [0.0, 0.5])
 def test_batches_do_not_change_the_output(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Synthesis in one batch and in many gives the same samples."""

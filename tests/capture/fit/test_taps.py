@@ -5,6 +5,7 @@ import pytest
 
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.fit.taps import (
+    CONTACT_WAVES,
     FADE_S,
     FITTED_MAX,
     OUTLIER,
@@ -12,6 +13,7 @@ from hapscene.capture.fit.taps import (
     MeasuredTap,
     _approach,
     _errors,
+    _Impact,
     _wave,
     fit_taps,
     pooled_taps,
@@ -164,6 +166,17 @@ def test_of_many_impacts_a_selection_is_fitted():
     assert 14 <= len(found.approach_m_s) <= 18  # three of a ratio of 1.08 are one, and a ratio of 20 is spanned
     np.testing.assert_allclose(found.amplitude_m_s2, 100.0 * found.approach_m_s, rtol=0.02)
     np.testing.assert_allclose(found.frequency_Hz, 180.0, rtol=0.01)
+
+
+def test_of_several_local_minima_the_best_is_found():
+    """A contact of 4 ms, then ringing at 300 Hz; of three searches, one ends at twice the power of the noise."""
+    t = np.arange(400) / 2000.0 - 0.05
+    since = t - 0.004
+    ring = 0.6 * np.exp(-70.0 * np.maximum(since, 0.0)) * np.sin(600.0 * np.pi * np.maximum(since, 0.0) + 1.0)
+    a = np.where(since >= 0.0, ring, np.sin(np.pi * np.clip(t / 0.004, 0.0, 1.0)))
+    impact = _Impact(a + 0.05 * np.random.default_rng(1).standard_normal(400), 100, 2000.0)
+    found = impact.ring(impact.sinusoid(), CONTACT_WAVES)
+    assert found.left < 1.5 * 400 * 0.05**2 and found.value[1:] == pytest.approx([300.0, 70.0], rel=0.05)
 
 
 def test_standard_errors_account_for_correlated_noise():

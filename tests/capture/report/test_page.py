@@ -11,10 +11,17 @@ import pytest
 from scipy.signal import lfilter
 
 from hapscene.capture.fit import distance as spectral
-from hapscene.capture.fit.segment import segment
+from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.io.recording import SurfaceRecording
-from hapscene.capture.io.streams import clean
-from hapscene.capture.report.numbers import _correlated, compare_with_recording, spectrum_along
+from hapscene.capture.io.streams import Streams, clean
+from hapscene.capture.report.numbers import (
+    DURATION_MIN_S,
+    RUN_S,
+    _correlated,
+    compare_with_recording,
+    sliding,
+    spectrum_along,
+)
 from hapscene.capture.report.page import _verdict, report, rows, write_report
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import PLAIN, Swatch
@@ -134,6 +141,19 @@ def test_perceptible_differences_are_compared_with_those_of_the_halves(
         assert spectrum.grade == "equal" and bands.grade == verdict  # within the limit, but perceptible
         assert bands.value == "2 of 12" and "−4.0 dB" in bands.required
         assert bands.measure in _verdict(swatch, off, rows(off), "")
+
+
+def test_short_runs_of_sliding_are_left_out() -> None:
+    long, short = round(RUN_S * 1000.0), round(RUN_S * 1000.0) - 1
+    rows = np.arange(round(1000.0 * DURATION_MIN_S) + 1000.0)
+    states = np.full(len(rows), InteractionState.SLIDING, np.int8)
+    states[[10, 11 + short, 12 + short + long]] = InteractionState.AIR
+    channels = Streams(1000.0, rows, rows, rows, rows)
+    kept = sliding(channels, Segmentation(1000.0, states, (), None, None)).acceleration_m_s2
+    np.testing.assert_array_equal(kept, [*rows[12 + short : 12 + short + long], *rows[13 + short + long :]])
+    states[long + 1 :] = InteractionState.AIR
+    with pytest.raises(CaptureError, match="longer strokes"):
+        sliding(channels, Segmentation(1000.0, states, (), None, None))
 
 
 def test_the_spectrum_along_a_stroke_is_the_mean_of_the_models() -> None:

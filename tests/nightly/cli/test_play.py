@@ -1,6 +1,5 @@
 """`hapscene play` as a process."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,10 +7,6 @@ from pathlib import Path
 import pytest
 
 from hapscene.compiled.native import INTERPRETED
-
-if hasattr(os, "openpty"):
-    pass
-
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -1,4 +1,4 @@
-"""Pictures, if OpenGL is available."""
+"""Pictures and films, if OpenGL is available."""
 
 from pathlib import Path
 
@@ -52,6 +52,18 @@ def test_scale_bar(tmp_path: Path) -> None:
     red, green, blue = np.moveaxis(pixels[:347], 2, 0)
     ball_px = np.ptp(np.flatnonzero(((green > 1.5 * red) & (green > 1.5 * blue)).any(axis=0))) + 1
     assert bar_px / ball_px == pytest.approx(20 / 100, rel=0.03)  # 20 mm of 100: a fifth of the width is not quite 50
+
+
+def test_mp4(tmp_path: Path, recording: Recording) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not installed")
+    plate = scene_of(trimesh.creation.box((0.1, 0.06, 0.02)))
+    try:
+        write_picture(plate, recording, tmp_path / "a.mp4", size=(320, 240), seconds=0.5)
+    except ViewError as error:
+        pytest.skip(str(error))
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
+    about = next(reader)
+    assert about["size"] == (320, 240) and about["fps"] == pytest.approx(25.0) and len(list(reader)) == 12
 
 
 def _longest_run(mask: np.ndarray) -> int:

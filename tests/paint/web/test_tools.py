@@ -108,10 +108,12 @@ def test_each_tool_shows_its_settings(page: Page, tab: Tab) -> None:
         tab.set(label, value)
     for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all"), ("Ignore occlusion", True)):
         tab.set(label, value)
+    for show in ("feel", "all"):
+        tab.set("Show", show)
     tab.settle()
     found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "margin_m", "force_N")]
     assert found == pytest.approx([0.25, 0.5, np.pi / 2, 0.002, FORCE_N[1]])
-    assert tab.tools.fill == FILLS[1] and tab.tools.ignore_occlusion
+    assert tab.tools.fill == FILLS[1] and tab.tools.ignore_occlusion and page.context.view.show == "feel"
 
 
 def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
@@ -161,6 +163,7 @@ def test_two_pages_have_their_own_tools_and_share_the_painting(page: Page, tab: 
         each.settle()
     assert (tab.state["tool"], tab.state["swatch"]) == ("fill", "wood")
     assert (other.state["tool"], other.state["swatch"]) == ("brush", "leather")
+    other_tools = other.tools
     assert other.control("Size [mm]")["value"] < 0.6 * tab.control("Size [mm]")["value"]
     tab.point("down", TOP)
     tab.wait(lambda: other.state["undo"])  # both see the painting
@@ -172,6 +175,9 @@ def test_two_pages_have_their_own_tools_and_share_the_painting(page: Page, tab: 
     assert other.tools._marks._ring.visible and not tab.tools._marks._ring.visible
     other.close()
     tab.wait(lambda: list(page.clients) == [tab.client])
+    again = Tab(page)  # a reloaded page gets its tools back
+    assert again.tools is other_tools
+    again.close()
 
 
 def test_strokes_of_two_pages_at_once_are_both_painted_whole(page: Page, tab: Tab) -> None:

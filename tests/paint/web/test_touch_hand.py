@@ -9,21 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.constants import DEFAULT_GRIP
+from hapscene.constants import DEFAULT_GRIP, TICK_S
 from hapscene.device.sim.hand import GRIPS
 from hapscene.errors import HapsceneError
 from hapscene.loop.servo_state import ServoState, TickLog
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.painting import Painting
 from hapscene.paint.web.hand import (
+    ADDED_N,
+    CORRECTION_1_S,
     HAND_DEVICES,
     HOVER_M,
     IDLE_S,
     LIFT_M,
     NO_HANDLE,
+    REACTION_S,
     HandConfig,
     TouchHand,
     aim_point,
+    compliance_m_N,
     make_servo,
 )
 from hapscene.scene.scene import Scene
@@ -43,6 +47,7 @@ class Notes:
         self.hold, self.refuse, self.alive, self.closed = hold, refuse, True, False
         self.orders: list[tuple[Any, ...]] = []
         self.read_from: list[int] = []
+        self.tick, self.touches, self.force_N = 9, True, 2.0
 
     def __enter__(self) -> "Notes":
         if self.refuse:
@@ -71,12 +76,12 @@ class Notes:
 
     def state(self) -> ServoState:
         zero = np.zeros(3)
-        return ServoState(9, PLACE, PLACE, UP, zero, 0.0, 0.0, True, 0, 0, 0, 0)  # type: ignore[arg-type]
+        return ServoState(self.tick, PLACE, PLACE, UP, zero, 0.0, 0.0, self.touches, 0, 0, 0, 0)  # type: ignore[arg-type]
 
     def read(self, since: int) -> TickLog:
         self.read_from.append(since)
-        rows = np.zeros(3, [("f_W_N", "f8", (3,))])
-        rows["f_W_N"][:, 2] = 2.0
+        rows = np.zeros(3, [("f_W_N", "f8", (3,)), ("nhat_W", "f8", (3,))])
+        rows["f_W_N"][:, 2], rows["nhat_W"] = self.force_N, UP
         return TickLog(since, rows, np.zeros((3, 10)), np.ones((3, 10)))
 
 
@@ -135,6 +140,35 @@ def test_hand_presses_strokes_lifts_and_stops() -> None:
         await settle(touch)
         assert len(made[0].orders) == 5
         assert made[0].orders[-1] == ("pause",) and touch.read(99.0) is None
+
+    run(act)
+
+
+@pytest.mark.parametrize(
+    ("touches", "force_N", "missing_N"), [(True, 2.0, -1.0), (True, 0.5, 0.5), (True, 0.97, 0.0), (False, 0.0, 1.0)]
+)
+def test_force_is_corrected_once_the_hand_has_reacted(touches: bool, force_N: float, missing_N: float) -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        touch.press(PLACE, UP, 1.0, 500.0)
+        await settle(touch)
+        notes, aim = made[0], aim_point(PLACE, UP, 1.0, 500.0, DEFAULT_GRIP)
+        notes.touches, notes.force_N = touches, force_N
+        touch.read(0.0)  # the contact begins, or continues
+        notes.tick = touch._surface_tick + round(REACTION_S / TICK_S)
+        touch.read(0.0)
+        await settle(touch)
+        assert [order[0] for order in notes.orders] == ["start", "aim"]
+        notes.tick += 1
+        touch.read(0.0)
+        await settle(touch)
+        deeper_m = CORRECTION_1_S * 3 * TICK_S * missing_N * compliance_m_N(500.0, DEFAULT_GRIP)
+        assert notes.orders[-1][1] == pytest.approx(tuple(aim - deeper_m * UP), abs=1e-12)
+        for _ in range(200):  # up to the limit of the correction
+            touch.read(0.0)
+        await settle(touch)
+        most_N = {-1.0: -1.0, 0.5: 1.0, 0.0: 0.0, 1.0: ADDED_N}[missing_N]
+        deeper_m = most_N * compliance_m_N(500.0, DEFAULT_GRIP)
+        assert notes.orders[-1][1] == pytest.approx(tuple(aim - deeper_m * UP), abs=1e-12)
 
     run(act)
 
