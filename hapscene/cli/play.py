@@ -42,9 +42,6 @@ POLL_S: Final = 0.1
 QUIET_S: Final = 5.0
 """Interval between status lines if standard output is not a terminal [s]."""
 
-TIMES: Final = 4
-"""Status lines of the monitor about force and timing [count]. The first one is shown; warnings follow after them."""
-
 KIOSK_S: Final = 60.0
 """Time without input after which --kiosk resets the page [s]."""
 
@@ -198,7 +195,7 @@ def _show_until_end(
             if not terminal:
                 raise
             lines = [f"{error}; press r to open it again, q to end"]
-        line = "; ".join([*lines[:1], *lines[TIMES:], *(["paused: press space to resume"] if paused else [])])
+        line = "; ".join([*lines, *(["paused: press space to resume"] if paused else [])])
         print_in_place(line[: get_terminal_size().columns - 1]) if terminal else print_lines([line])
 
 

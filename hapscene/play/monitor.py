@@ -1,4 +1,4 @@
-"""Terminal of `hapscene play`: timing statistics, force and contact, limits and their causes; key presses."""
+"""Terminal of `hapscene play`: force and contact, limits and their causes, timing statistics; key presses."""
 
 import math
 import os
@@ -14,7 +14,6 @@ from hapscene.errors import HandleError
 from hapscene.flags import Flag
 from hapscene.loop import Servo, TimingStatistics
 from hapscene.loop.empty_loop import EmptyLoop
-from hapscene.loop.servo_state import TickLog
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
 from hapscene.records import Record
 
@@ -46,11 +45,6 @@ FLAG_TEXTS: Final = {
 }
 """Description of each flag for the user."""
 
-BARS: Final = " ▁▂▃▄▅▆▇█"
-
-EDGES_US: Final = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, math.inf)
-"""Upper edges of the bins of the histogram [µs]."""
-
 
 class Monitor:
     """Summarises the state of a servo in a few lines."""
@@ -60,10 +54,8 @@ class Monitor:
         self._empty = EmptyLoop(servo.tick_s)
         self._since = max(servo.state().tick + 1, 0)
         self._at_s = time.monotonic()
-        self._late, self._idle = servo.timing(), self._empty.timing()
         self._mute = ""  # why a hardware handle stopped
-        self._worst = (0, -1, 0)  # longest tick [ns], its number, and the part for finding the contact [ns]
-        self.first_late, self.first_idle, self.first_tick = self._late, self._idle, self._since
+        self._first_late, self._first_idle = servo.timing(), self._empty.timing()
 
     def close(self) -> None:
         """Stop the reference loop."""
@@ -77,21 +69,13 @@ class Monitor:
         """
         servo = self._servo
         log, now_s = servo.read(self._since), time.monotonic()
-        late, idle = servo.timing(), self._empty.timing()
         rate_Hz = len(log.rows) / max(now_s - self._at_s, 1e-9)
         self._since, self._at_s = log.first + len(log.rows), now_s
-        self._note_worst(log)
         state, device = servo.state(), servo.device_state()
         most_N = np.linalg.norm(log.rows["f_W_N"], axis=1).max(initial=0.0)
         force = f"{np.linalg.norm(state.f_W_N):5.2f} N" + (f", max {most_N:.2f} N" if len(log.rows) else "")
         where = f"touching {servo.body_names[state.body]}" if state.touching else "no contact"
-        lines = [
-            f"{rate_Hz:5.0f} ticks/s   {force}   {where}" + _warmth(device) + _buttons(device),
-            f"latency  {_bars(late.since(self._late))}  {_percentiles(late.since(self._late))}",
-            f"idle     {_bars(idle.since(self._idle))}  {_percentiles(idle.since(self._idle))}",
-            self._worst_tick(),
-        ]
-        self._late, self._idle = late, idle
+        lines = [f"{rate_Hz:5.0f} ticks/s   {force}   {where}" + _warmth(device) + _buttons(device)]
         flags = int(np.bitwise_or.reduce(log.rows["flags"])) if len(log.rows) else 0
         lines += [text for flag, text in FLAG_TEXTS.items() if flags & flag]
         return lines + [problem for problem in (servo.notice, self._handle_problem()) if problem]
@@ -102,15 +86,14 @@ class Monitor:
         Raises:
             HapsceneError: see `lines`.
         """
-        late = self._servo.timing().since(self.first_late)
-        idle = self._empty.timing().since(self.first_idle)
+        late = self._servo.timing().since(self._first_late)
+        idle = self._empty.timing().since(self._first_idle)
         count = int(late.delay.sum())
         return [
             f"{count:,} ticks, {late.missed} missed",
             f"deadline misses (latency above one period): {deadline_misses(late, self._servo.tick_s)}; idle loop: "
             f"{deadline_misses(idle, self._servo.tick_s)}",
             f"latency: {_percentiles(late)}; idle loop: {_percentiles(idle)}",
-            self._worst_tick(),
         ]
 
     def _handle_problem(self) -> str:
@@ -121,36 +104,11 @@ class Monitor:
                 self._mute = f"handle stopped: {error}"
         return self._mute
 
-    def _note_worst(self, log: TickLog) -> None:
-        if len(log.rows):
-            at = int(np.argmax(log.rows.tick_ns))
-            row = log.rows[at]
-            self._worst = max(self._worst, (int(row.tick_ns), log.first + at, int(row.contact_ns)))
-
-    def _worst_tick(self) -> str:
-        tick_ns, number, contact_ns = self._worst
-        if number < 0:
-            return "longest tick: no ticks yet"
-        cause = "contact search" if contact_ns > tick_ns / 2 else "effects or another program"
-        return (
-            f"longest tick {number:,}: {tick_ns / 1e3:.1f} µs, contact search {contact_ns / 1e3:.1f} µs; "
-            f"main cause: {cause}"
-        )
-
 
 def deadline_misses(late: TimingStatistics, span_s: float) -> int:
     """Number of ticks with a latency above a limit, to the 9 % resolution of the histogram."""
     first = math.ceil(BINS_PER_OCTAVE * math.log2(span_s * 1e9 / BIN_NS)) + 1
     return int(late.delay[first:].sum()) + late.missed
-
-
-def _bars(late: TimingStatistics) -> str:
-    """Histogram as eight characters, with counts on a logarithmic scale."""
-    upper_us = BIN_NS * 2.0 ** (np.arange(len(late.delay)) / BINS_PER_OCTAVE) / 1e3
-    edges = np.searchsorted(upper_us, EDGES_US)
-    counts = np.diff(np.concatenate([[0], np.cumsum(late.delay)])[[0, *np.minimum(edges + 1, len(late.delay))]])
-    top = max(math.log1p(max(counts.max(), 1)), 1.0)
-    return "".join(BARS[math.ceil(math.log1p(count) / top * (len(BARS) - 1))] for count in np.maximum(counts, 0))
 
 
 def _percentiles(late: TimingStatistics) -> str:

@@ -28,7 +28,7 @@ compiled = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes lon
 def test_play_for_a_second(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0
     output = capfd.readouterr().out
-    assert "ticks, " in output and "deadline misses" in output and "longest tick " in output
+    assert "ticks, " in output and "deadline misses" in output
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ class FakeMonitor:
         if self.faults:
             self.faults -= 1
             raise DeviceError("unplugged")
-        return ["0 ticks/s", "latency", "idle", "longest tick", "w" * 100]
+        return ["0 ticks/s", "w" * 100]
 
     def summary(self) -> list[str]:
         return ["3 ticks"]

@@ -13,7 +13,7 @@ from hapscene.loop.timing import BIN_COUNT
 from hapscene.play import monitor as play_monitor
 from hapscene.play.monitor import Monitor, deadline_misses
 
-ROW = [("f_W_N", "f8", (3,)), ("flags", "i8"), ("tick_ns", "i8"), ("contact_ns", "i8")]
+ROW = [("f_W_N", "f8", (3,)), ("flags", "i8")]
 
 
 def timing(counts: dict[int, int], missed: int = 0) -> TimingStatistics:
@@ -33,8 +33,6 @@ class FakeServo:
         self.rows = np.zeros(4, ROW).view(np.recarray)
         self.rows.f_W_N[:2] = (0.0, 3.0, 4.0), (0.0, 0.0, 12.0)
         self.rows["flags"][:2] = Flag.HEAT_LIMITED, Flag.PEAK_LIMITED
-        self.rows.tick_ns[:] = 10_000, 30_000, 20_000, 10_000
-        self.rows.contact_ns[:] = 9_000, 15_001, 9_000, 9_000
         self.device = SimpleNamespace(heat=0.5, buttons=0b101)
 
     def state(self) -> Any:
@@ -65,25 +63,18 @@ def test_lines_of_a_monitor(monkeypatch: pytest.MonkeyPatch) -> None:
     problems = ["calibrate the device", "handle stopped: dualsense: was it unplugged?"]
     assert monitor.lines() == [
         "    2 ticks/s    5.00 N, max 12.00 N   touching cup   motor heat 50 %   button 1, 3",
-        "latency  █▂     ▂  median 0.1 µs, p99 1.13 µs, max 1.16e+03 µs",
-        "idle               median 0 µs, p99 0 µs, max 0 µs",
-        "longest tick 2: 30.0 µs, contact search 15.0 µs; main cause: contact search",
         "force limited to the peak force",
         "force reduced: motors are warm",
         *problems,
     ]
     servo.rows, servo.first, servo.device = servo.rows[:1], 5, SimpleNamespace(heat=-1.0, buttons=0)
-    servo.rows.tick_ns, servo.rows.contact_ns, servo.rows["flags"] = 40_000, 20_000, 0
+    servo.rows["flags"] = 0
     servo.state = lambda: SimpleNamespace(tick=5, f_W_N=(0.0, 0.0, 0.0), touching=False, body=-1)
     assert monitor.lines() == [
         "1000000000 ticks/s    0.00 N, max 5.00 N   no contact",
-        "latency            median 0 µs, p99 0 µs, max 0 µs",
-        "idle               median 0 µs, p99 0 µs, max 0 µs",
-        "longest tick 5: 40.0 µs, contact search 20.0 µs; main cause: effects or another program",
         *problems,
     ]
     assert servo.read_from == [1, 5] and servo.asked == 1
-    count, misses, latency, longest = monitor.summary()
+    count, misses, latency = monitor.summary()
     assert count == "101 ticks, 3 missed" and misses.endswith(": 4; idle loop: 0") and "p99 1.13 µs" in latency
-    assert longest.startswith("longest tick 5")
     assert deadline_misses(timing({107: 7, 108: 1}, 2), 1e-3) == 3  # bin 107 ends at 1.06 ms
