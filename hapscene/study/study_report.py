@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader
 from hapscene.errors import StudyError
 from hapscene.io.files import write_whole
 from hapscene.study.session import RESULTS, load_rows
-from hapscene.study.statistics import Analysis, Estimate, Finding, Row, analyse
+from hapscene.study.statistics import Estimate, Finding, analyse
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK, OKABE_ITO
 
@@ -56,7 +56,7 @@ def report(folder: Path) -> str:
         content=analysis.plan.content.decode(errors="replace"),
         verdicts=[one for one in analysis.findings if one.verdict],
         blocks=blocks,
-        people=_people(analysis, rows),
+        people=analysis.people,
         answer_count=len(rows),
         channels=", ".join(sorted({row["channel"] for row in rows})),
     )
@@ -95,13 +95,3 @@ def _axis_limits(estimates: Sequence[Estimate]) -> tuple[float, float]:
         return 0.0, 1.0
     margin = 0.12 * (max(values) - min(values)) or 0.5
     return min(values) - margin, max(values) + margin
-
-
-def _people(analysis: Analysis, rows: Sequence[Row]) -> list[tuple[str, str, str]]:
-    """Name, number of answers and median latency of each participant."""
-    lines = []
-    for person in analysis.people:
-        mine = [row for row in rows if row["person"] == person]
-        latency_s = float(np.median([float(row["latency_s"]) for row in mine]))
-        lines.append((person, f"{len(mine)} of {analysis.plan.trial_count}", f"{latency_s:.1f} s"))
-    return lines

