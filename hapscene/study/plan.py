@@ -154,10 +154,6 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Text that a participant agrees to before the first trial."""
     instructions: _Text = ""
     """Text shown before the first trial."""
-    practice: Annotated[int, Meta(ge=0, le=20)] = 0
-    """Practice trials of each block, with feedback, before the first trial; not recorded [count]."""
-    break_every: Annotated[int, Meta(ge=0, le=1000)] = 0
-    """Number of answers between breaks [count]; 0 disables breaks."""
     stimuli: Annotated[dict[_Name, Stimulus], Meta(min_length=1, max_length=1000)]
     blocks: Annotated[tuple[RatingBlock | ChoiceBlock | StaircaseBlock, ...], Meta(min_length=1, max_length=100)]
     content: bytes = b""

@@ -2,7 +2,7 @@
 // which stimuli are compared.
 
 const $ = (id) => document.getElementById(id);
-const SCREENS = ["begin", "trial", "break", "end"];
+const SCREENS = ["begin", "trial", "end"];
 let state = {}, socket = null, open = false;
 let shown = ""; // the trial whose buttons are on the page
 let endedAt = 0; // end of the last playback [ms]
@@ -23,7 +23,7 @@ function answer(choice) {
   endedAt = 0;
 }
 
-for (const id of ["begin-button", "resume"]) $(id).addEventListener("click", () => send({ continue: true }));
+$("begin-button").addEventListener("click", () => send({ continue: true }));
 $("play").addEventListener("click", () => play(0, state.intervals.length));
 
 addEventListener("keydown", (event) => {
@@ -63,17 +63,14 @@ function draw() {
   $("bar").max = state.total;
   $("bar").value = state.done;
   $("count").textContent = `${state.done} of ${state.total}`;
-  const idle = state.screen === "break" || state.screen === "trial" && !state.playing && !state.played.length;
-  $("status").textContent = idle ? state.feedback : ""; // feedback on the last practice trial
+  $("status").textContent = "";
   if (state.screen === "begin") drawBegin();
   if (state.screen === "trial") drawTrial();
 }
 
 function drawBegin() {
   for (const id of ["consent", "instructions"]) $(id).textContent = state[id];
-  const again = state.done ? `Welcome back. You have answered ${state.done} of ${state.total} questions. ` : "";
-  const practice = state.practices ? `The session starts with ${state.practices} practice ${state.practices === 1 ? "question" : "questions"}.` : "";
-  $("practice-count").textContent = again + practice;
+  $("again").textContent = state.done ? `Welcome back. You have answered ${state.done} of ${state.total} questions.` : "";
   $("begin-button").textContent = state.consent ? "I agree; begin" : state.done ? "Continue" : "Begin";
 }
 
@@ -82,7 +79,6 @@ function drawTrial() {
   if (shown !== trial) {
     shown = trial;
     $("question").textContent = state.question;
-    $("practice").hidden = !state.practice;
     const single = state.intervals.length === 1;
     $("intervals").hidden = single;
     $("intervals").replaceChildren(...state.intervals.map((label, k) => button(label, () => play(k, k + 1), `Play ${label} alone`)));

@@ -7,16 +7,14 @@ of a message from the page is checked.
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
-from itertools import groupby
 from threading import Event, RLock
 from typing import Final
 
 from hapscene.errors import HapsceneError
 from hapscene.io.files import Json
-from hapscene.study.plan import Plan
 from hapscene.study.session import Session
 from hapscene.study.stimulus import OutputPlayer
-from hapscene.study.trial_order import Trial, trials
+from hapscene.study.trial_order import Trial
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.server import PageConnection, WebServer
 
@@ -55,8 +53,7 @@ class StudyServer:
         self, session: Session, player: OutputPlayer, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
     ) -> None:
         self._session, self._player, self._clock = session, player, clock
-        self._practice = [] if session.done else practice_trials(session.plan)
-        self._begun, self._resumed_at, self._feedback = False, session.done, ""
+        self._begun = False
         self._played: dict[int, int] = {}  # how often each interval of this trial was played completely
         self._ready: list[Callable[[], None]] = []  # play functions of the intervals
         self._lock, self._lane = RLock(), ThreadPoolExecutor(1, "study")
@@ -90,15 +87,8 @@ class StudyServer:
 
     @property
     def _trial(self) -> Trial | None:
-        """The trial on the screen; None before the start, in a break and at the end."""
-        if not self._begun or self._break_due:
-            return None
-        return self._practice[0] if self._practice else self._session.trial
-
-    @property
-    def _break_due(self) -> bool:
-        every, done = self._session.plan.break_every, self._session.done
-        return bool(every) and done > self._resumed_at and done % every == 0 and self._session.trial is not None
+        """The trial on the screen; None before the start and at the end."""
+        return self._session.trial if self._begun else None
 
     def state(self) -> dict[str, Json]:
         """The state that the page shows."""
@@ -108,15 +98,12 @@ class StudyServer:
             "done": self._session.done,
             "total": self._session.total,
             "handle": plan.channel != "headphones",
-            "feedback": self._feedback,
             "error": self.fault,
         }
         if trial is not None:
-            practising = bool(self._practice)
             return state | {
                 "screen": "trial",
-                "number": -len(self._practice) if practising else trial.number,
-                "practice": practising,
+                "number": trial.number,
                 "question": trial.block.question,
                 "choices": trial.choices,
                 "ends": getattr(trial.block, "labels", None) or (),
@@ -126,9 +113,8 @@ class StudyServer:
                 "playing": self._playing,
             }
         if not self._begun:
-            texts = {"consent": plan.consent, "instructions": plan.instructions, "practices": len(self._practice)}
-            return state | {"screen": "begin", **texts}
-        return state | {"screen": "break" if self._break_due else "end"}
+            return state | {"screen": "begin", "consent": plan.consent, "instructions": plan.instructions}
+        return state | {"screen": "end"}
 
     def _check_end(self) -> None:
         if self._session.trial is None:
@@ -157,30 +143,24 @@ class StudyServer:
     def _process(self, message: dict[str, Json]) -> None:
         """Process {"continue": true}, {"play": [trial, first, end]} or {"answer": [trial, choice, seconds]}."""
         if message.get("continue") is True:
-            self._begun, self._resumed_at = True, self._session.done
-        trial, number = self._trial, self.state().get("number")
+            self._begun = True
+        trial = self._trial
         if trial is None:
             return
         if "play" in message:
             asked, first, end = message["play"]
-            if asked == number and type(first) is type(end) is int and 0 <= first < end <= len(trial.intervals):
+            if asked == trial.number and type(first) is type(end) is int and 0 <= first < end <= len(trial.intervals):
                 self._playing = True
                 self._lane.submit(self._play, trial, range(first, end))
         if "answer" in message:
             asked, choice, latency_s = message["answer"]
-            known = asked == number and type(choice) is int and 0 <= choice < len(trial.choices)
+            known = asked == trial.number and type(choice) is int and 0 <= choice < len(trial.choices)
             if known and len(self._played) == len(trial.intervals) and 0.0 <= float(latency_s) <= LATENCY_MAX_S:
                 self._answer(trial, choice, float(latency_s))
 
     def _answer(self, trial: Trial, choice: int, latency_s: float) -> None:
         replays = sum(self._played.values()) - len(trial.intervals)
-        self._played, self._ready, self._feedback = {}, [], ""
-        if self._practice:
-            self._practice.pop(0)
-            if trial.correct is not None:
-                right = trial.choices[trial.correct]
-                self._feedback = "Correct." if choice == trial.correct else f"Not correct; the answer is: {right}."
-            return
+        self._played, self._ready = {}, []
         self._session.answer(choice, latency_s=latency_s, replays=replays)
         self._check_end()
 
@@ -208,18 +188,3 @@ class StudyServer:
         with self._lock:
             self._playing = False
             self._server.send(self.state())
-
-
-def practice_trials(plan: Plan) -> list[Trial]:
-    """The first trials of each block, with an order and noise that no participant gets."""
-    if not plan.practice:
-        return []
-    found, answers = list[Trial](), trials(plan, "practice", 0)
-    trial = next(answers, None)
-    while trial is not None:
-        found.append(trial)
-        try:
-            trial = answers.send((trial.correct or 0, None))
-        except StopIteration:
-            trial = None
-    return [one for _, own in groupby(found, lambda trial: trial.block.name) for one in list(own)[: plan.practice]]

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from hapscene.errors import StudyError
 from hapscene.study.plan import parse_plan
 from hapscene.study.session import Session, load_rows
-from hapscene.study.study_server import StudyServer, practice_trials
+from hapscene.study.study_server import StudyServer
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import VirtualClock
 
@@ -28,8 +28,6 @@ people = 4
 seed = 2
 consent = "I take part of my own free will."
 instructions = "Listen, then answer."
-practice = 1
-break_every = 4
 [stimuli.zebra]
 swatch = "wood"
 [stimuli.yak]
@@ -135,9 +133,7 @@ def test_a_complete_session(ask: Callable[..., Asked], tmp_path: Path) -> None:
     rows = load_rows(tmp_path / "answers" / "results.csv")
     assert len(rows) == session.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
     assert {row["latency_s"] for row in rows} == {"0.500"} and {row["replays"] for row in rows} == {"0"}
-    practised = [interval for trial in practice_trials(session.plan) for interval in trial.intervals]
-    assert player.played[: len(practised)] == practised  # then the intervals of the trials, in order
-    names = [interval.stimulus.name for interval in player.played[len(practised) :]]
+    names = [interval.stimulus.name for interval in player.played]
     asked = [row[f"stimulus_{k}"] for row in rows for k in (1, 2) if row[f"stimulus_{k}"] != "NA"]
     assert names == asked
 
@@ -158,14 +154,14 @@ def test_the_page_does_not_receive_what_is_compared(ask: Callable[..., Asked]) -
                     shown.append(str(tab.recv()))
                 tab.send(json.dumps({"answer": [state["number"], 0, 1.0]}))
             shown.append(str(tab.recv()))
-    assert len(shown) > 40
+    assert len(shown) > 30
     for text in shown:
         assert not any(secret in text for secret in SECRETS), text
         assert not {"correct", "level", "block", "stimulus", "seed"} & json.loads(text).keys()
 
 
 def test_an_answer_needs_all_intervals_and_counts_once(ask: Callable[..., Asked]) -> None:
-    server, session, _ = ask(PLAN.replace("practice = 1", ""))
+    server, session, _ = ask()
     order(server, **{"continue": True})
     number = server.state()["number"]
     order(server, answer=[number, 0, 1.0])
@@ -178,35 +174,6 @@ def test_an_answer_needs_all_intervals_and_counts_once(ask: Callable[..., Asked]
     order(server, answer=[number, 0, 1.0])
     order(server, answer=[number, 0, 1.0])  # the key was pressed twice
     assert session.done == 1
-
-
-def test_breaks(ask: Callable[..., Asked]) -> None:
-    server, session, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
-    order(server, **{"continue": True})
-    screens = []
-    while session.trial is not None:
-        screens.append((session.done, server.state()["screen"]))
-        if server.state()["screen"] == "break":
-            order(server, play=[session.done, 0, 1])
-            order(server, answer=[session.done, 0, 1.0])  # ignored in a break
-            order(server, **{"continue": True})
-        else:
-            play_all(server)
-            order(server, answer=[server.state()["number"], 0, 1.0])
-    assert [done for done, screen in screens if screen == "break"] == [3, 6]
-
-
-def test_practice_has_feedback_and_is_not_recorded(ask: Callable[..., Asked]) -> None:
-    server, session, _ = ask()
-    order(server, **{"continue": True})
-    shown = []
-    for trial in practice_trials(session.plan):
-        assert server.state()["practice"] and server.state()["question"] == trial.block.question
-        play_all(server)
-        order(server, answer=[server.state()["number"], trial.correct or 0, 1.0])
-        shown.append(server.state()["feedback"])
-        assert ("orrect" in shown[-1]) == (trial.correct is not None)
-    assert len(shown) == 3 and session.done == 0 and not server.state().get("practice")
 
 
 def test_a_fault_is_shown_and_answers_are_kept(ask: Callable[..., Asked]) -> None:
@@ -233,13 +200,13 @@ def test_invalid_messages_have_no_effect(ask: Callable[..., Asked]) -> None:
     assert server.state()["screen"] == "trial" and not server.fault and session.done == 0
 
 
-def test_a_resumed_session_has_no_practice(ask: Callable[..., Asked]) -> None:
+def test_a_resumed_session_begins_at_the_next_trial(ask: Callable[..., Asked]) -> None:
     server, session, _ = ask()
     answer_all(server, session, upto=3)
     server.close()
     session.close()
     again, resumed, _ = ask()
-    assert resumed.done == 3 and again.state()["screen"] == "begin" and again.state()["practices"] == 0
+    assert resumed.done == 3 and again.state()["screen"] == "begin"
     order(again, **{"continue": True})
     assert again.state()["number"] == 3
     answer_all(again, resumed)

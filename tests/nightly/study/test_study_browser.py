@@ -11,7 +11,7 @@ pytest.importorskip("websockets", reason="websockets is not installed: pip insta
 
 from hapscene.study.session import load_rows
 from tests.chromium import AXE, AXE_RUN
-from tests.study.test_study_server import PLAN, Asked, ask
+from tests.study.test_study_server import Asked, ask
 from tests.until import until
 
 __all__ = ["ask"]  # fixtures
@@ -36,19 +36,13 @@ def test_answers_by_keys_and_buttons(
             assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), screen
 
         looked_at("begin")
-        assert "free will" in tab.inner_text("#consent") and "3 practice questions" in tab.inner_text("#practice-count")
+        assert "free will" in tab.inner_text("#consent")
         tab.click("text=I agree; begin")
         tab.wait_for_selector("#trial:not([hidden])")
         looks, asked = set(), 0
         while session.trial is not None:
             state = server.state()
-            if state["screen"] == "break":
-                looked_at("break")
-                tab.click("#resume")
-                tab.wait_for_selector("#trial:not([hidden])")
-                continue
-            at = [state["number"], state["practice"]]
-            tab.wait_for_function("([n, p]) => study.state.number === n && study.state.practice === p", arg=at)
+            tab.wait_for_function("(n) => study.state.number === n", arg=state["number"])
             if state["kind"] not in looks:
                 looked_at("trial")
                 looks.add(state["kind"])
@@ -56,16 +50,16 @@ def test_answers_by_keys_and_buttons(
             tab.keyboard.press("2")
             tab.keyboard.press("Space")
             tab.wait_for_selector("#choices button:enabled")
-            before = session.done, len(server._practice)
+            before = session.done
             if asked % 2:
                 tab.locator("#choices button").nth(1).click()
             else:
                 tab.keyboard.press("2")
-            until(lambda: (session.done, len(server._practice)) != before)  # noqa: B023
+            until(lambda: session.done != before)  # noqa: B023
             asked += 1
             if asked == 5:  # the tab was closed
                 tab.reload()
-                tab.wait_for_selector("#trial:not([hidden]), #break:not([hidden])")
+                tab.wait_for_selector("#trial:not([hidden])")
         looked_at("end")
         assert wrong == [] and looks == {"rating", "pair"}
     rows = load_rows(tmp_path / "answers" / "results.csv")
@@ -74,7 +68,7 @@ def test_answers_by_keys_and_buttons(
 
 
 def test_response_time_starts_at_the_end_of_playback(ask: Callable[..., Asked], browser: Any, tmp_path: Path) -> None:
-    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    server, session, player = ask()
     with browser.new_context() as context:
         context.set_default_timeout(120_000)
         tab = context.new_page()
