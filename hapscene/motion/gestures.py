@@ -1,4 +1,4 @@
-"""Gestures of a hand on a scene, as reference trajectories of the hand's target and grip.
+"""Gestures of a hand on a scene, as reference trajectories of the hand's target.
 
 A hand presses by a target below the surface: a grip of stiffness k [N/m] needs a depth of F/k for a force F on a rigid
 surface. A light grip has a deep target and is compliant; a firm grip has a shallow target and is stiff.
@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.device.sim.hand import Grip, grip_named
 from hapscene.errors import PathError, no_such
@@ -27,12 +26,6 @@ STROKE_N: Final = 0.6
 
 PRESS_N: Final = 1.5
 """Force of a press [N]: half of the peak force of an Omni."""
-
-RAMP_S: Final = 0.3
-"""Duration of a change of the grip [s]."""
-
-FREE_S: Final = 0.6
-"""Time between releasing the tool and grasping it again [s]."""
 
 SLOPE_MAX: Final = 0.25
 """Steepest slope at the ends of a line [1]. A compliant hand slides off a steeper slope."""
@@ -66,19 +59,15 @@ def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Ref
     if name == "explore":
         return ReferenceTrajectory.along(explore(scene, tick_s, STROKE_N / held.k_N_m, calm_s=calm_time_s(held)), held)
     place = _Place(scene, tick_s, calm_time_s(held))
-    rows = _AT_A_PLACE[name](place, held)
+    _AT_A_PLACE[name](place, held)
     place.hand.rest(0.5)  # in this time a limit cycle becomes visible
-    path = place.hand.p_WT_m
-    if rows is None:
-        return ReferenceTrajectory.along(path, held)
-    return ReferenceTrajectory.along(path, np.concatenate((rows, np.tile(rows[-1], (len(path) - len(rows), 1)))))
+    return ReferenceTrajectory.along(place.hand.p_WT_m, held)
 
 
 class _Place:
     """The place of a gesture: the best lines on the first visible body, and a tool path that starts above them."""
 
     def __init__(self, scene: "Scene", tick_s: float, calm_s: float) -> None:
-        self.tick_s = tick_s
         look = look_from_above(scene)
         lines, size_m = next(places_to_feel(scene, look), ([], 0.0))
         if not lines:
@@ -126,26 +115,10 @@ def _scrub(place: _Place, grip: Grip) -> None:
     place.hand.scrub(between(*place.line, 0.3), between(*place.line, 0.7), 2 * STROKE_N / grip.k_N_m)
 
 
-def _let_go(place: _Place, grip: Grip) -> NDArray[np.float64]:
-    """Press, release the tool while pressed, and grasp it again slightly above."""
-    place.hand.press(*place.middle_m, PRESS_N / grip.k_N_m, hold_s=0.0, lift=False)
-    place.hand.rest(0.3)
-    pressed = np.tile(grip.row(), (place.hand.tick_count, 1))
-    place.hand.rest(FREE_S)
-    free = np.zeros((place.hand.tick_count - len(pressed), 3))
-    return np.concatenate((pressed, free, _ramp(Grip(0.0, 0.0), grip, place.tick_s)))
-
-
-def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
-    """Rows (k, 3) of a linear transition from one grip to another."""
-    share = np.linspace(0.0, 1.0, max(round(RAMP_S / tick_s), 2))[:, None]
-    return np.asarray(grip.row() + share * (to.row() - grip.row()))
-
-
-_AT_A_PLACE: Final[dict[str, Callable[[_Place, Grip], NDArray[np.float64] | None]]] = {
-    **{"tap": _tap, "press": _press, "stroke": _stroke, "scrub": _scrub, "let-go": _let_go},
+_AT_A_PLACE: Final[dict[str, Callable[[_Place, Grip], None]]] = {
+    **{"tap": _tap, "press": _press, "stroke": _stroke, "scrub": _scrub},
 }
-"""Gestures at a place. Each extends the path of the hand, and returns the grip (n, 3) for each tick if it varies."""
+"""Gestures at a place. Each extends the path of the hand."""
 
 GESTURES: Final = (*_AT_A_PLACE, "explore")
 """Names of the gestures."""

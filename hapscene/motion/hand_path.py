@@ -95,11 +95,9 @@ class PathBuilder:
         """Move above a point, touch it briefly, and return."""
         self._press(x_m, y_m, depth_m, down_s=0.1, hold_s=0.0)
 
-    def press(
-        self, x_m: float, y_m: float, depth_m: float = 2 * DEPTH_M, hold_s: float = 0.2, lift: bool = True
-    ) -> None:
-        """Move above a point, press slowly, hold, and return if `lift`."""
-        self._press(x_m, y_m, depth_m, 0.2, hold_s, lift)
+    def press(self, x_m: float, y_m: float, depth_m: float = 2 * DEPTH_M, hold_s: float = 0.2) -> None:
+        """Move above a point, press slowly, hold, and return."""
+        self._press(x_m, y_m, depth_m, 0.2, hold_s)
 
     def stroke(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float = DEPTH_M) -> None:
         """Stroke the surface along a line in x and y, from above its start to above its end."""
@@ -143,14 +141,13 @@ class PathBuilder:
         share = self._share(max(float(np.hypot(*span_m)) / speed_m_s, 0.3))
         return np.asarray(start_m + np.append(0.0, share)[:, None] * span_m)
 
-    def _press(self, x_m: float, y_m: float, depth_m: float, down_s: float, hold_s: float, lift: bool = True) -> None:
+    def _press(self, x_m: float, y_m: float, depth_m: float, down_s: float, hold_s: float) -> None:
         z_m = float(self._look(np.array([x_m]), np.array([y_m])).z_m[0])
         self._go_over(x_m, y_m, z_m + self.hover_m)
         self.move((x_m, y_m, z_m - depth_m), down_s)
         if hold_s > 0:
             self.rest(hold_s)
-        if lift:
-            self.move((x_m, y_m, z_m + self.hover_m), down_s)
+        self.move((x_m, y_m, z_m + self.hover_m), down_s)
 
     def _go_over(self, x_m: float, y_m: float, z_m: float) -> None:
         """Move to a point in the air: up, across above all obstacles, down."""
