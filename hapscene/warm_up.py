@@ -9,7 +9,7 @@ import trimesh
 
 from hapscene.clock import VIRTUAL, new_clock
 from hapscene.compiled.native import compiling
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.contact.ball import move_ball
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import place_proxy
@@ -19,7 +19,7 @@ from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.loop import ReferenceTrajectory, Twin
-from hapscene.loop.driver import CHANNEL, drive
+from hapscene.loop.driver import drive
 from hapscene.render.describe import shade
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.render.tick import run_ticks, tick
@@ -101,18 +101,12 @@ def _close_the_loop(scene: Scene) -> None:
 def _serve(scene: Scene) -> None:
     """The loops of a servo's process, for simulated devices and for those that Python or a vendor's library drives."""
     from hapscene.device.safety import resume_safety, simulated_safety
-    from hapscene.loop.empty_loop import loop_empty
     from hapscene.loop.heartbeat import _beat
     from hapscene.loop.servo_process import OrderHandler
     from hapscene.loop.shared_memory import open_channel
-    from hapscene.loop.timing import TIMING, Timer
-    from hapscene.records import records
 
     clock = new_clock()
     _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # returns at once
-    paused = records(1, CHANNEL)
-    paused.pause = 1
-    loop_empty(Timer(paused[0], clock, records(1, TIMING)[0], round(1e9 * TICK_S)))
     virtual = new_clock()
     virtual[VIRTUAL] = 1  # a virtual clock: ticks run only on request
     mass = PointMass(0.045, 0.1, 0.26, 5.5e-5)

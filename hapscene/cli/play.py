@@ -147,7 +147,6 @@ def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
 
     with ExitStack() as stack:
         monitor = Monitor(servo)
-        stack.callback(monitor.close)
         keys = stack.enter_context(pressed_keys())
         with interrupt_noted(servo.stop_force) as noted:
             try:

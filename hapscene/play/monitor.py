@@ -13,9 +13,7 @@ import numpy as np
 from hapscene.errors import HandleError
 from hapscene.flags import Flag
 from hapscene.loop import Servo, TimingStatistics
-from hapscene.loop.empty_loop import EmptyLoop
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
-from hapscene.records import Record
 
 __all__ = ["FLAG_TEXTS", "Monitor", "deadline_misses", "pressed_keys"]
 
@@ -51,15 +49,10 @@ class Monitor:
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
-        self._empty = EmptyLoop(servo.tick_s)
         self._since = max(servo.state().tick + 1, 0)
         self._at_s = time.monotonic()
         self._mute = ""  # why a hardware handle stopped
-        self._first_late, self._first_idle = servo.timing(), self._empty.timing()
-
-    def close(self) -> None:
-        """Stop the reference loop."""
-        self._empty.stop()
+        self._first_late = servo.timing()
 
     def lines(self) -> list[str]:
         """Lines on the time since the last call.
@@ -71,11 +64,11 @@ class Monitor:
         log, now_s = servo.read(self._since), time.monotonic()
         rate_Hz = len(log.rows) / max(now_s - self._at_s, 1e-9)
         self._since, self._at_s = log.first + len(log.rows), now_s
-        state, device = servo.state(), servo.device_state()
+        state = servo.state()
         most_N = np.linalg.norm(log.rows["f_W_N"], axis=1).max(initial=0.0)
         force = f"{np.linalg.norm(state.f_W_N):5.2f} N" + (f", max {most_N:.2f} N" if len(log.rows) else "")
         where = f"touching {servo.body_names[state.body]}" if state.touching else "no contact"
-        lines = [f"{rate_Hz:5.0f} ticks/s   {force}   {where}" + _warmth(device) + _buttons(device)]
+        lines = [f"{rate_Hz:5.0f} ticks/s   {force}   {where}"]
         flags = int(np.bitwise_or.reduce(log.rows["flags"])) if len(log.rows) else 0
         lines += [text for flag, text in FLAG_TEXTS.items() if flags & flag]
         return lines + [problem for problem in (servo.notice, self._handle_problem()) if problem]
@@ -87,13 +80,12 @@ class Monitor:
             HapsceneError: see `lines`.
         """
         late = self._servo.timing().since(self._first_late)
-        idle = self._empty.timing().since(self._first_idle)
         count = int(late.delay.sum())
         return [
             f"{count:,} ticks, {late.missed} missed",
-            f"deadline misses (latency above one period): {deadline_misses(late, self._servo.tick_s)}; idle loop: "
-            f"{deadline_misses(idle, self._servo.tick_s)}",
-            f"latency: {_percentiles(late)}; idle loop: {_percentiles(idle)}",
+            f"deadline misses (latency above one period): {deadline_misses(late, self._servo.tick_s)}",
+            f"latency: median {late.delay_us():.3g} µs, p99 {late.delay_us(0.99):.3g} µs, "
+            f"max {late.delay_us(1.0):.3g} µs",
         ]
 
     def _handle_problem(self) -> str:
@@ -109,19 +101,6 @@ def deadline_misses(late: TimingStatistics, span_s: float) -> int:
     """Number of ticks with a latency above a limit, to the 9 % resolution of the histogram."""
     first = math.ceil(BINS_PER_OCTAVE * math.log2(span_s * 1e9 / BIN_NS)) + 1
     return int(late.delay[first:].sum()) + late.missed
-
-
-def _percentiles(late: TimingStatistics) -> str:
-    return f"median {late.delay_us():.3g} µs, p99 {late.delay_us(0.99):.3g} µs, max {late.delay_us(1.0):.3g} µs"
-
-
-def _warmth(device: Record) -> str:
-    return f"   motor heat {100 * float(device.heat):.0f} %" if device.heat >= 0.0 else ""
-
-
-def _buttons(device: Record) -> str:
-    pressed = [str(k + 1) for k in range(16) if int(device.buttons) >> k & 1]
-    return f"   button {', '.join(pressed)}" if pressed else ""
 
 
 @contextmanager

@@ -33,7 +33,6 @@ class FakeServo:
         self.rows = np.zeros(4, ROW).view(np.recarray)
         self.rows.f_W_N[:2] = (0.0, 3.0, 4.0), (0.0, 0.0, 12.0)
         self.rows["flags"][:2] = Flag.HEAT_LIMITED, Flag.PEAK_LIMITED
-        self.device = SimpleNamespace(heat=0.5, buttons=0b101)
 
     def state(self) -> Any:
         return SimpleNamespace(tick=self.first - 1, f_W_N=(0.0, 3.0, 4.0), touching=True, body=0)
@@ -45,9 +44,6 @@ class FakeServo:
         self.read_from.append(since)
         return SimpleNamespace(first=self.first, rows=self.rows)
 
-    def device_state(self) -> Any:
-        return self.device
-
     def handle_report(self) -> dict[str, float]:
         self.asked += 1
         raise HandleError("dualsense: was it unplugged?" if self.asked == 1 else "has ended")
@@ -56,18 +52,17 @@ class FakeServo:
 def test_lines_of_a_monitor(monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter((10.0, 12.0, 12.0))
     monkeypatch.setattr(play_monitor, "time", SimpleNamespace(monotonic=lambda: next(times)))
-    monkeypatch.setattr(play_monitor, "EmptyLoop", lambda tick_s: SimpleNamespace(timing=lambda: timing({108: 2}, 5)))
     servo: Any = FakeServo()
     monitor = Monitor(servo)
     servo.late = timing({0: 97, 8: 1, 27: 1, 28: 1, 108: 1}, 3)
     problems = ["calibrate the device", "handle stopped: dualsense: was it unplugged?"]
     assert monitor.lines() == [
-        "    2 ticks/s    5.00 N, max 12.00 N   touching cup   motor heat 50 %   button 1, 3",
+        "    2 ticks/s    5.00 N, max 12.00 N   touching cup",
         "force limited to the peak force",
         "force reduced: motors are warm",
         *problems,
     ]
-    servo.rows, servo.first, servo.device = servo.rows[:1], 5, SimpleNamespace(heat=-1.0, buttons=0)
+    servo.rows, servo.first = servo.rows[:1], 5
     servo.rows["flags"] = 0
     servo.state = lambda: SimpleNamespace(tick=5, f_W_N=(0.0, 0.0, 0.0), touching=False, body=-1)
     assert monitor.lines() == [
@@ -76,5 +71,5 @@ def test_lines_of_a_monitor(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     assert servo.read_from == [1, 5] and servo.asked == 1
     count, misses, latency = monitor.summary()
-    assert count == "101 ticks, 3 missed" and misses.endswith(": 4; idle loop: 0") and "p99 1.13 µs" in latency
+    assert count == "101 ticks, 3 missed" and misses.endswith(": 4") and "p99 1.13 µs" in latency
     assert deadline_misses(timing({107: 7, 108: 1}, 2), 1e-3) == 3  # bin 107 ends at 1.06 ms

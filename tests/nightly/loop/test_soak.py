@@ -14,10 +14,10 @@ import pytest
 import hapscene
 from hapscene.device import DeviceChoice, choose
 from hapscene.loop import Servo
-from hapscene.loop.empty_loop import EmptyLoop
 from hapscene.play.monitor import deadline_misses
 from hapscene.view.picture import write_picture
 from tests.nightly.loop import time_to_zero
+from tests.nightly.loop.empty_loop import EmptyLoop
 from tests.until import until
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "10"))

@@ -16,9 +16,10 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.device import DeviceChoice
-from hapscene.loop import empty_loop, servo_process
+from hapscene.loop import servo_process
 from hapscene.loop.shared_memory import open_channel
 from hapscene.loop.timing import TimingStatistics, request_realtime_priority
+from tests.nightly.loop import empty_loop
 from tests.nightly.loop.time_to_zero import DEVICES, busy_processes, wall_scene
 
 BLOCK_S: Final = 1.0
