@@ -1,10 +1,7 @@
 """Inputs and outputs of the commands: checks of paths before slow imports, and loading of scenes and meshes."""
 
 import os
-from contextlib import suppress
 from dataclasses import replace
-from difflib import get_close_matches
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -27,7 +24,6 @@ __all__ = [
     "find_asset",
     "load_input",
     "loading",
-    "missing",
     "new_file",
     "print_size_advice",
 ]
@@ -35,13 +31,6 @@ __all__ = [
 
 SCENES: Final = SCENE_SUFFIXES
 """Suffixes of scene files."""
-
-STEM_NEAR: Final = 0.75
-"""Least similarity of two file names for a suggestion, as difflib's ratio [1]. Only the part before the first dot
-counts: a common suffix makes all names similar."""
-
-NAME_MAX: Final = 10_000
-"""Most files of a folder that are compared with the given name [count]."""
 
 
 def check_there(path: str | Path, what: str = "file") -> None:
@@ -55,25 +44,11 @@ def check_there(path: str | Path, what: str = "file") -> None:
         if "folder" not in what:
             raise HapsceneError(f"{path}: is a folder; expected a {what}")
     elif not path.exists():
-        raise HapsceneError(missing(path, what))
+        raise HapsceneError(f"{path}: no such {what}")
     elif not path.is_file():
         raise HapsceneError(f"{path}: is a pipe or a device file; expected a regular {what}")
     elif what == "folder":
         raise HapsceneError(f"{path}: is a file; expected a folder")
-
-
-def missing(path: Path, what: str = "file") -> str:
-    """The message for a missing file or folder, with a suggestion if a similar name exists."""
-    if not path.parent.is_dir():
-        return f"{path}: no such {what}: there is no folder {path.parent}"
-    names = []
-    with suppress(OSError):  # the folder may not be readable
-        files = (file for file in path.parent.iterdir() if file.exists() and not file.name.startswith("."))
-        names = [file.name for file in islice(files, NAME_MAX)]
-    stem = path.name.split(".")[0]
-    similar = [name for name in names if get_close_matches(stem, [name.split(".")[0]], 1, STEM_NEAR)]
-    near = get_close_matches(path.name, similar, 1)
-    return f"{path}: no such {what}" + (f"; did you mean {path.with_name(near[0])}?" if near else "")
 
 
 def check_swatch(name: str | Path) -> None:
@@ -149,7 +124,7 @@ def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:
     try:
         return str(assets.path(scene)), replace(options, unit=options.unit or assets.unit(scene))
     except SceneError as unknown:
-        raise SceneError(f"{missing(Path(scene))}; {unknown}") from None
+        raise SceneError(f"{scene}: no such file; {unknown}") from None
 
 
 def load_input(path: str, options: "MeshOptions", device: str = "omni") -> "Scene":
