@@ -2,8 +2,7 @@
 
 | module | content |
 |---|---|
-| `apply` | makes the simplified scene |
 | `coarser_mesh` | reduces a mesh, and keeps the borders of its painting |
 | `trial` | measures how far a simplified scene differs from the original, in JND |
-| `tune` | searches the simplest scene whose difference is not perceptible |
+| `tune` | searches the simplest scene whose difference is not perceptible, and makes it |
 """

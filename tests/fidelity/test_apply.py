@@ -10,7 +10,7 @@ from scipy.linalg import solve_toeplitz
 import hapscene
 from hapscene.dsp.ar_filter import ar_from_lsf, power_gain
 from hapscene.errors import HapsceneError
-from hapscene.fidelity.apply import Simplification, simplified
+from hapscene.fidelity.tune import Simplification, simplified
 from hapscene.scene.mesh import Mesh
 
 

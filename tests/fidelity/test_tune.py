@@ -12,8 +12,8 @@ from hapscene.cli import main
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import HapsceneError
 from hapscene.fidelity import trial, tune
-from hapscene.fidelity.apply import Simplification, simplified
 from hapscene.fidelity.coarser_mesh import coarser_mesh
+from hapscene.fidelity.tune import Simplification, simplified
 from hapscene.perception import BAND_DB, band_edges_Hz
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
