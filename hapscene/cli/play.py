@@ -3,8 +3,8 @@
 import math
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -30,11 +30,15 @@ if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
     from hapscene.loop import Servo
     from hapscene.play.monitor import Monitor
+    from hapscene.scene.scene import Scene
 
 __all__ = ["play", "serve"]
 
 LOG_S: Final = 60.0
 """Length of the session log [s]."""
+
+FINGERS: Final = 2
+"""Number of fingers that can touch at the same time on the page [count]: each takes 10 µs of a tick."""
 
 POLL_S: Final = 0.1
 """Polling interval of the servo and the keyboard [s]."""
@@ -88,26 +92,80 @@ def play(
         return _replay(replay)
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)
-    from hapscene.play.start import log_folder, on_page, with_device
+    from platformdirs import user_state_path
 
     chosen = _devices(device or ["pointer"], option or {})
-    logs = log or log_folder()
+    logs = log or user_state_path("hapscene", appauthor=False) / "logs"
     made: dict[str, Any] = {"handle": handle.chosen(), "handle_file": handle.handle_file, "force_N": force}
     made |= {"ring_s": LOG_S, "log_folder": str(logs)}
     loaded = load_input(scene, mesh)
     if device in (None, ["pointer"]) and not option:
         if at is not None:
             raise DeviceError("--at: expected a --device, whose workspace it places; the page shows the whole scene")
-        place = {"title": base_name(scene), "host": page.host, "port": page.port}
-        place["kiosk_s"] = KIOSK_S if kiosk else math.inf
-        running = on_page(loaded, place, not page.no_browser, print_progress, **made)
+        running = _on_page(loaded, base_name(scene), page, KIOSK_S if kiosk else math.inf, **made)
     else:
-        running = with_device(loaded, chosen, at, print_progress, **made)
+        running = _with_devices(loaded, chosen, at, **made)
     with running as servo:
         if handle.handle is not None:
             print_progress(f"latency of {handle.handle}: {1e3 * servo.handle_report()['latency_s']:.0f} ms\n")
         _watch(servo, logs, math.inf if seconds is None else seconds)
     return 0
+
+
+@contextmanager
+def _with_devices(
+    scene: "Scene", devices: "list[str | DeviceChoice]", at: tuple[float, float, float] | None, **made: Any
+) -> Iterator["Servo"]:
+    """A running servo with devices, whose workspaces have their centres at `at` [m]; by default the middle of the top.
+
+    `made` has further arguments of `Servo`.
+    """
+    from hapscene.loop import Servo
+    from hapscene.touch import step
+
+    with ExitStack() as stack:
+        names = ", ".join(device if isinstance(device, str) else device.name for device in devices)
+        with step(print_progress, f"starting {names}"):
+            servo = stack.enter_context(Servo(scene, devices, **made))
+        servo.start([at or middle_of_top(scene)] * len(devices))
+        yield servo
+
+
+@contextmanager
+def _on_page(scene: "Scene", title: str, options: PageOptions, kiosk_s: float, **made: Any) -> Iterator["Servo"]:
+    """A running servo that is controlled by a page. `made` has further arguments of `Servo`."""
+    import webbrowser
+
+    from hapscene.loop import Servo
+    from hapscene.play.page_server import PageServer
+    from hapscene.touch import step
+
+    place: dict[str, Any] = {"title": title, "host": options.host, "port": options.port}
+    with PageServer(scene, tools=FINGERS, kiosk_s=kiosk_s, **place) as page, ExitStack() as stack:
+        print_progress(f"{page.url}   (Ctrl-C ends)\n")
+        if page.public:
+            print_progress("open to the network: anyone with this address can touch the scene\n")
+        if not options.no_browser:
+            webbrowser.open(page.url)
+        with step(print_progress, "starting"):  # the page already shows the picture
+            servo = stack.enter_context(Servo(scene, page.devices, **made))
+            servo.start([(0.0, 0.0, 0.0)] * page.tools)
+        if servo.handle_report():
+            servo.turn_handle(0.0)  # silent until the page's button turns it on
+            page.sound = lambda on, volume: servo.turn_handle(volume if on else 0.0)
+        page.attach(servo)
+        yield servo
+
+
+def middle_of_top(scene: "Scene") -> tuple[float, float, float]:
+    """Centre of the scene in x and y, at the height of its top [m]."""
+    import numpy as np
+
+    corners = [
+        body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3] for body in scene.bodies if len(body.mesh.faces)
+    ]
+    low, high = np.min([c.min(axis=0) for c in corners], axis=0), np.max([c.max(axis=0) for c in corners], axis=0)
+    return float((low[0] + high[0]) / 2), float((low[1] + high[1]) / 2), float(high[2])
 
 
 def _replay(path: Path) -> int:

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapscene.cli.play import middle_of_top
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import DeviceError
 from hapscene.flags import Flag
 from hapscene.play import first_run
-from hapscene.play.start import middle_of_top
 from hapscene.scene.scene import Scene
 from tests.virtual_clock import VirtualClock
 from tests.virtual_servo import VirtualServo
