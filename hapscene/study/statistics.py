@@ -65,10 +65,6 @@ class Analysis:
     people: tuple[str, ...]
     findings: tuple[Finding, ...]
 
-    def find(self, block: str, quantity: str, person: str = "") -> tuple[Finding, ...]:
-        """The findings of a block by quantity, for the population or one participant."""
-        return tuple(f for f in self.findings if (f.block, f.quantity, f.person) == (block, quantity, person))
-
 
 def analyse(folder: str | Path) -> Analysis:
     """Analyse the answers in the folder of a study, including unfinished sessions.

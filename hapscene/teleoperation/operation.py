@@ -174,11 +174,6 @@ class OperationResult:
     latency_s: float
     work_J: Array
 
-    def __repr__(self) -> str:
-        touching = int(self.touching.sum())
-        latency = f"latency {1e3 * self.latency_s:.3g} ms"
-        return f"<OperationResult: {len(self.t_s):,} ticks, {touching:,} in contact, {latency}>"
-
 
 class Operation:
     """A simulated hand that touches a scene through a leader, a link and a follower.
@@ -219,9 +214,6 @@ class Operation:
         to_follower, to_leader = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
         self.line = Line(to_follower, to_leader, records(1, MESSAGE))
         self._ticks = 0
-
-    def __repr__(self) -> str:
-        return f"<Operation: {self.renderer!r}>"
 
     def run(self, intent: ReferenceTrajectory) -> OperationResult:
         """Simulate a reference trajectory of the leader's hand, one tick per row, from the present state."""

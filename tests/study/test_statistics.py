@@ -13,6 +13,7 @@ from hapscene.study.session import load_rows
 from hapscene.study.statistics import (
     Analysis,
     Estimate,
+    Finding,
     analyse,
     analyse_rows,
     d_prime,
@@ -95,15 +96,19 @@ def analysis(folder: Path) -> Analysis:
 
 def test_parameters_of_simulated_participants_are_found(analysis: Analysis) -> None:
     assert analysis.people == ("S001", "S002", "S003", "S004")
-    (threshold,) = analysis.find("gain", "threshold")
+
+    def find(block: str, quantity: str) -> list[Finding]:
+        return [f for f in analysis.findings if (f.block, f.quantity, f.person) == (block, quantity, "")]
+
+    (threshold,) = find("gain", "threshold")
     assert threshold.estimate.low < 1.5 < threshold.estimate.high and threshold.unit == "dB"
     assert threshold.estimate.value == pytest.approx(1.5, rel=0.25)
-    (rated,) = [f for f in analysis.find("real", "difference of ratings") if "alive − st" in f.what]
+    (rated,) = [f for f in find("real", "difference of ratings") if "alive − st" in f.what]
     assert rated.estimate.value == pytest.approx(3.0, abs=0.7) and rated.verdict.startswith("different")
-    (life,) = analysis.find("life", "d′")
+    (life,) = find("life", "d′")
     assert life.estimate.value == pytest.approx(2.0, abs=0.7) and life.verdict.startswith("different")
-    assert analysis.find("life", "right")[0].answers == 64
-    louder = {f.what: f.estimate for f in analysis.find("louder", "d′")}
+    assert find("life", "right")[0].answers == 64
+    louder = {f.what: f.estimate for f in find("louder", "d′")}
     assert louder["alive − steady"].low < 2.0 < louder["alive − steady"].high
     assert louder["rough − steady"].low < 1.5 < louder["rough − steady"].high
 
