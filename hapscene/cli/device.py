@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
-from hapscene.cli.console import print_error, print_files, print_in_place, print_lines, print_progress
+from hapscene.cli.console import print_error, print_files, print_lines, print_progress
 from hapscene.cli.inputs import base_name
 from hapscene.cli.options import (
     Help,
@@ -72,9 +72,6 @@ def list_devices(
         if not found:
             lines.append("  not connected" + (f"; needs {driver.needs}" if driver.needs else ""))
         print_lines(lines)
-    print_progress(
-        "next: `hapscene device try NAME` for a first test; `hapscene play SCENE --device NAME` for a scene\n"
-    )
 
 
 def _found(driver: "Driver", options: dict[str, str]) -> "Sequence[Found]":
@@ -279,12 +276,6 @@ def _from_port(port: str, baud: int, count: int, sweep: "Sweep", guess: "Plant")
 
     names = grip_names(count)
 
-    def share(done: float) -> None:
-        if sys.stdout.isatty():
-            print_in_place(f"{100 * done:3.0f} %")
-            if done >= 1.0:
-                print_lines([""])
-
     def hold(i: int) -> None:
         print(
             f"grip {names[i]}: hold the handle in this grip, without moving, for {sweep.sweep_s + 1:.0f} s", flush=True
@@ -292,7 +283,7 @@ def _from_port(port: str, baud: int, count: int, sweep: "Sweep", guess: "Plant")
         if sys.stdin.isatty():
             input("press Enter to play the sweep ")
 
-    with closing(SerialSource(port, baud, share)) as source:
+    with closing(SerialSource(port, baud)) as source:
         return play_grips(source, sweep, guess, names, hold)
 
 
@@ -369,9 +360,6 @@ def _play_on(options: OutputOptions, file: Path, compensator: str | None, record
         output.close()
     found = report(stream, output)
     print(f"latency {1e3 * found['latency_s']:.1f} ms")
-    if handle is not None and handle[0].kind == 3:  # adaptive
-        learnt_g, known_g = 1e3 * handle[0].theta[0], 1e3 * handle[0].nominal[0]
-        print(f"adapted mass of the handle: {learnt_g:.3g} g; identified: {known_g:.3g} g")
     if found["limited"] > 0:
         share = found["limited"] / (len(desired) / rate_Hz * output.rate_Hz)
         print(f"{100 * share:.1f} % was attenuated, since it exceeds the limit {output.ceiling / output.gain:.3g}")

@@ -203,9 +203,8 @@ def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
     """Show the status of a servo until it ends, then a summary. If the servo fails, write its session log."""
     from hapscene.play.monitor import Monitor, pressed_keys
 
-    with ExitStack() as stack:
-        monitor = Monitor(servo)
-        keys = stack.enter_context(pressed_keys())
+    monitor = Monitor(servo)
+    with pressed_keys() as keys:
         with interrupt_noted(servo.stop_force) as noted:
             try:
                 _show_until_end(servo, monitor, keys, noted, logs, seconds)

@@ -178,12 +178,6 @@ def convert(
       hapscene convert desk.scene.json desk.html    # to touch in a browser
       hapscene convert desk.glb                     # to desk.scene.json
     """
-    if source.lower().endswith(".html"):
-        name = base_name(source)
-        raise SceneError(
-            f"{source}: a page cannot be read again, only written; name the scene first, as in: hapscene convert "
-            f"{name}.scene.json {name}.html"
-        )
     check_scene(source, read)
     from hapscene.exchange import export_scene, import_scene, losses
     from hapscene.exchange.format_registry import format_of

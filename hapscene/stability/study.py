@@ -28,7 +28,6 @@ FILES: Final = (
     "z_width-dark.png",
     "z_width.csv",
     "swatches.csv",
-    "verdicts.txt",
 )
 """Files that may be written."""
 
@@ -105,7 +104,7 @@ def stability(
 
 
 def _write_z_width(folder: Path, device: str, regions: list[StableRegion], points: Placed) -> None:
-    """Write the chart, the tables of regions and swatches, and the verdicts."""
+    """Write the chart, and the tables of regions and swatches."""
     caps = {(rate_Hz, delay): limits_of(device, 1.0 / rate_Hz, delay) for rate_Hz, delay in points}
     write_z_width_chart(folder / "z_width.png", regions, points, caps)
     rows = [
@@ -116,8 +115,6 @@ def _write_z_width(folder: Path, device: str, regions: list[StableRegion], point
     write_table(folder / "z_width.csv", [f.name for f in fields(StableRegion)], rows)
     names = ("rate_Hz", "delay_ticks", *(f.name for f in fields(Point)))
     write_table(folder / "swatches.csv", names, [(*key, *astuple(p)) for key, here in points.items() for p in here])
-    said = "".join(f"{line}\n" for line in verdicts(points))
-    (folder / "verdicts.txt").write_text(said, encoding="utf-8", newline="\n")
 
 
 def verdicts(points: Placed) -> list[str]:

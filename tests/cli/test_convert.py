@@ -93,8 +93,3 @@ def test_exported_file_states_its_unit(suffix: str, desk: Path) -> None:
     assert main(["convert", str(file), str(back)]) == 0
     (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies
     np.testing.assert_array_equal(now.mesh.bounds_m, was.mesh.bounds_m)
-
-
-def test_page_as_source_says_how_to_write_it(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["convert", str(desk.with_name("desk.html"))]) == 2
-    assert "desk.scene.json desk.html" in capsys.readouterr().err

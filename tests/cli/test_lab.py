@@ -128,14 +128,15 @@ def test_an_interrupted_stability_study_resumes_and_writes_its_chart(
     with pytest.raises(KeyboardInterrupt):
         stability(*args, dampings_Ns_m=(0.0, 2.0), jobs=1)
     assert not (tmp_path / "out").exists()
-    made = stability(*args, dampings_Ns_m=(0.0, 2.0), jobs=1)
+    said = list[str]()
+    made = stability(*args, said.append, dampings_Ns_m=(0.0, 2.0), jobs=1)
     assert traced == [(1000.0, 0), (1000.0, 1), (1000.0, 1)]
     assert [file.name for file in tmp_path.iterdir()] == ["out"]  # the journal is deleted
     charts = {"z_width.png", "z_width-dark.png"}
-    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv", "verdicts.txt"}
+    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv"}
     with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["delay_ticks"] == "0"]
     assert [float(row["damping_Ns_m"]) for row in rows] == [0.0, 2.0]
     assert float(rows[1]["limit_N_m"]) > float(rows[0]["limit_N_m"]) > z_width.STIFFNESS_N_M[0]
-    verdicts = (tmp_path / "out" / "verdicts.txt").read_text(encoding="utf-8")
-    assert "steel: 20000 N/m is unstable at 1 kHz; the device limits it to" in verdicts and "felt" in verdicts
+    assert any(line.startswith("steel: 20000 N/m is unstable at 1 kHz; the device limits it to") for line in said)
+    assert any("felt" in line for line in said)
