@@ -309,12 +309,6 @@ POLL_S: Final = 0.2
 LINGER_S: Final = 1.0
 """Time for which the page is served after the last answer [s], so that it can show the end of the session."""
 
-WRONG: Final = {
-    "clipped": "clipped samples",
-    "underruns": "underruns of the output",
-}
-"""Descriptions of the error counters of a player, by name."""
-
 
 @study.command
 def run(
@@ -357,7 +351,7 @@ def run(
             raise StudyError(f"{fault}; {session.done} answers are saved; {resume}")
         report = player.report()
         lines = [f"{participant}: {session.done} of {session.total} answered, in {folder / 'results.csv'}"]
-        lines += [f"{words}: {report[name]:.0f}" for name, words in WRONG.items() if report.get(name)]
+        lines += [f"{name}: {report[name]:.0f}" for name in ("clipped", "underruns") if report.get(name)]
         lines.append(f"report: hapscene lab study report {folder}" if session.trial is None else resume)
         print_lines(lines)
 

@@ -23,7 +23,6 @@ from hapscene.errors import MeshError, SaveConflict, SceneError, ViewError
 
 if TYPE_CHECKING:
     from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
 
 __all__ = ["check", "convert", "view"]
 
@@ -195,19 +194,10 @@ def convert(
         opened = open_scene if source.endswith(SCENES) else import_scene
         scene = opened(source, read.unit, **read.reading())
     if not name:
-        _save(scene, source, target)
+        print_size_advice(scene, source)
+        scene.save(target)
+        print_files([target])
     else:
         print_files(export_scene(scene, target, replace=replace, show=show, cut=cut))
         lost = (*losses(scene, name), *(["faces before they were cut"] if cut else []))
         print("not read again from this format: " + ("; ".join(lost) or "nothing; all data is kept"))
-
-
-def _save(scene: "Scene", source: str, target: Path) -> None:
-    """Save an imported scene, and print how many faces are painted."""
-    print_size_advice(scene, source)
-    scene.save(target)
-    print_files([target])
-    faces = sum(len(body.mesh.faces) for body in scene.bodies)
-    painted = sum(int((body.face_swatch != 0).sum()) for body in scene.bodies)
-    bodies = "1 body" if len(scene.bodies) == 1 else f"{len(scene.bodies)} bodies"
-    print(f"{bodies}, {painted:,} of {faces:,} faces painted: " + ", ".join(s.name for s in scene.swatches))

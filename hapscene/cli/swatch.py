@@ -273,7 +273,6 @@ def publish(
     *swatches: Annotated[str, Help("Swatch names or .swatch files (default: all of the library)")],
     library: Library = None,
     shipped: Annotated[bool, Help("Publish the shipped swatches as well")] = False,
-    title: Annotated[str, Help("Title of the first page")] = "Haptic swatches",
 ) -> None:
     """Publish a swatch library as a static web site with a page for each swatch.
 
@@ -283,13 +282,13 @@ def publish(
 
     examples:
       hapscene swatch publish site
-      hapscene swatch publish site oak.swatch wood --title "Woods"
+      hapscene swatch publish site oak.swatch wood
       python -m http.server --directory site
     """
     from hapscene.swatches.site import gather
     from hapscene.swatches.site import publish as write_site
 
-    entries = write_site(gather(swatches, library, shipped), str(folder), title, print_progress)
+    entries = write_site(gather(swatches, library, shipped), str(folder), say=print_progress)
     counted = f"{len(entries)} swatch{'es' * (len(entries) != 1)}"
     sizes = [file.stat().st_size for file in folder.iterdir() if file.is_file()]
     print_lines([f"made: {folder / 'index.html'}  ({counted}, {format_size(sum(sizes))})"])
