@@ -64,7 +64,6 @@ if TYPE_CHECKING:
 
 __all__ = ["OrderHandler", "open_twins", "run"]
 
-
 WATCH_S: Final = 0.1
 """Period at which devices are checked for errors [s]."""
 

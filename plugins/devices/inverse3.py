@@ -18,7 +18,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene_plugins.devices.inverse3_link import LINK_MODULES, Link
+from hapscene_plugins.devices.inverse3_link import Link
 from hapscene_plugins.devices.inverse3_messages import first, force_message, is_identity, listed, numbers, parse, part
 
 URI: Final = "ws://localhost:10001"
@@ -203,7 +203,7 @@ DRIVER = Driver(
     button_count=3,
     rate_Hz=1000.0,
     needs="a running Inverse service; websockets (pip install 'hapscene[serve]')",
-    imports=LINK_MODULES,
+    imports=("websockets.client", "websockets.exceptions", "websockets.frames", "websockets.uri"),
     options=(
         Option("uri", URI, "address of the service"),
         Option(

@@ -7,10 +7,7 @@ from typing import Any, Final, Self
 
 from hapscene.errors import DeviceError
 
-__all__ = ["LINK_MODULES", "Link"]
-
-LINK_MODULES: Final = ("websockets.client", "websockets.exceptions", "websockets.frames", "websockets.uri")
-"""Modules that are imported when a link is opened (`Driver.imports`)."""
+__all__ = ["Link"]
 
 SIZE: Final = 1 << 16
 """Most bytes of one read from the system."""

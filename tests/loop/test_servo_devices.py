@@ -1,6 +1,5 @@
 """Real devices of a servo: events of their buttons, pose of the tool, states, recovery."""
 
-import ctypes
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -195,39 +194,24 @@ def test_end_waits_for_the_loop_after_an_interrupted_pause(plate: Scene) -> None
         assert len(waited) == 2
 
 
-class Vendor(VendorConnection):
-    """A device whose vendor's thread is the test."""
-
-    def schedule(self, tick: int, context: int) -> None:
-        self.call = lambda: ctypes.CFUNCTYPE(None, ctypes.c_void_p)(tick)(context)
-
-    def read(self) -> None: ...
-
-    write = check = close = unschedule = read
-
-
-def test_threads_of_vendors_remove_the_force_of_a_loop_that_stopped(
-    plate: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each has its own clock. A time written to that of the loop would become the span of the loop's sleep: hours."""
-    monkeypatch.setattr(DeviceChoice, "open", lambda choice: Vendor())
+def test_threads_of_vendors_have_clocks_of_their_own(plate: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They remove the force if the loop has stopped. A time in the loop's clock would become the span of its sleep."""
+    silent = dict.fromkeys(("read", "write", "check", "close", "schedule", "unschedule"), lambda device, *given: None)
+    monkeypatch.setattr(DeviceChoice, "open", lambda choice: type("Vendor", (VendorConnection,), silent)())
     with VirtualServo(plate, [choose("simulated")] * 2) as servo:
         servo.start([(0.0, 0.0, 0.05)] * 2)
         servo.advance(1)
-        vendors, clocks = servo.handler.connections, [call._argument.clock for call in servo.handler._calls]
-        for k, vendor in enumerate(vendors):
-            others = [servo.clock.buffer, clocks[1 - k]]
-            before = [clock.copy() for clock in others]
-            vendor.state.f_D_N = 1.0
-            vendor.call()
-            assert vendor.state.f_D_N.all() and np.array_equal(others, before)
-            clocks[k][VIRTUAL] += round(1.1e9 * STALL_S)
-            vendor.call()
-            assert not vendor.state.f_D_N.any() and np.array_equal(others, before)
+        calls, devices = servo.handler._calls, servo.handler.connections
+        clocks = [servo.clock.buffer, *(call._argument.clock for call in calls)]  # type: ignore[attr-defined]
+        for k, force_N in ((0, 1.0), (1, 1.0), (0, 0.0)):
+            devices[k].state.f_D_N, others = 1.0, np.delete(clocks, k + 1, axis=0)
+            calls[k]()
+            assert (devices[k].state.f_D_N == force_N).all()
+            assert np.array_equal(np.delete(clocks, k + 1, axis=0), others)
+            clocks[k + 1][VIRTUAL] += round(1.1e9 * STALL_S)
         servo.pause()
         servo.resume()
-        for paused in (False, True):  # the clock has not advanced meanwhile
-            vendors[0].state.f_D_N = 1.0
-            vendors[0].call()
-            assert vendors[0].state.f_D_N.any() == (not paused)
-            servo.pause()
+        servo.pause()
+        devices[0].state.f_D_N = 1.0
+        servo.handler._calls[0]()
+        assert not devices[0].state.f_D_N.any()
