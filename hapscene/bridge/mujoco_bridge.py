@@ -70,13 +70,12 @@ class MuJoCo(Bridge):
     Contact is rendered with the exact surface of each geom, and with the faces of a mesh, while MuJoCo collides bodies
     by their convex hulls. Static geoms, such as those of the body "world", are rendered as well. The name of a geom, or
     of its material, is the name of its face group (`scene.paint("table", "oak", "top")`). Flexes, skins and signed
-    distance fields are not rendered.
+    distance fields are not rendered, nor are geoms without collisions (contype and conaffinity 0).
 
     Args:
         model, data: `mujoco.MjModel` and its `MjData`; the caller keeps them.
         swatches: swatches by name of geom, material or body, in this order of precedence, and "default" for the others;
             or one swatch for all.
-        visual: whether to include geoms without collisions (contype and conaffinity 0).
 
     Attributes:
         model, data: as given.
@@ -98,8 +97,6 @@ class MuJoCo(Bridge):
         model: "mujoco.MjModel",
         data: "mujoco.MjData",
         swatches: Mapping[str, SwatchLike] | SwatchLike | None = None,
-        *,
-        visual: bool = False,
     ) -> None:
         check_installed("")
         import mujoco
@@ -117,7 +114,7 @@ class MuJoCo(Bridge):
             )
         mujoco.mj_forward(model, data)
         worn = swatches if isinstance(swatches, Mapping) else {"default": swatches} if swatches else {}
-        self.scene, moving = _scene(model, data, worn, visual)
+        self.scene, moving = _scene(model, data, worn)
         self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
         super().__init__(self)
         self._time_s = float(data.time)
@@ -180,7 +177,7 @@ class MuJoCo(Bridge):
 
 
 def _scene(
-    model: "mujoco.MjModel", data: "mujoco.MjData", swatches: Mapping[str, SwatchLike], visual: bool
+    model: "mujoco.MjModel", data: "mujoco.MjData", swatches: Mapping[str, SwatchLike]
 ) -> tuple[Scene, dict[str, int]]:
     """The scene of a model's geoms, and the indices of the bodies that can move."""
     import mujoco
@@ -204,7 +201,7 @@ def _scene(
                 name_of(kinds.mjOBJ_GEOM, geom, f"geom_{geom}"),
                 *([name_of(kinds.mjOBJ_MATERIAL, material, f"material_{material}")] if material >= 0 else []),
             ]
-            if not (visual or model.geom_contype[geom] or model.geom_conaffinity[geom]):
+            if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
                 hidden |= {body_name, *names}
                 continue
             known |= {body_name, *names}
@@ -231,11 +228,11 @@ def _scene(
         if name in hidden:
             raise SceneError(
                 f"the swatch of {name!r} is not used: its geoms do not collide (contype and conaffinity 0) and are not "
-                "rendered; use visual=True to render them, or remove this swatch"
+                "rendered; remove this swatch"
             )
         raise SceneError(no_such("geom, material or body", name, known))
     if not scene.bodies:
-        raise SceneError("the model has no geom that collides; to render its visual geoms, use visual=True")
+        raise SceneError("the model has no geom that collides, and only these are rendered")
     return scene, moving
 
 
