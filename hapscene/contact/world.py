@@ -39,7 +39,6 @@ __all__ = [
     "Shapes",
     "World",
     "build_world",
-    "count_overlapping",
     "pack_faces",
     "shapes_of",
     "skin_of",
@@ -181,10 +180,6 @@ NO_SHADE: Final = 2.0
 
 HALF_TURN_COS2_MIN: Final = 0.01
 """Squared cosine of half the rotation in a tick below which a body is always listed as nearby [1]."""
-
-
-CROWD_SAMPLE: Final = 1000
-"""Bodies at whose centres overlaps are counted [count]: 0.2 s for 10,000 bodies."""
 
 
 @by_pointer
@@ -472,14 +467,6 @@ class Extension:
             tree=np.concatenate((world.tree, self._forest.tree)),
             tree_face=np.concatenate((world.tree_face, self._forest.tree_face)),
         )
-
-
-def count_overlapping(world: World) -> tuple[int, int]:
-    """Return the largest number of bodies whose bounding balls overlap at one point, and the body at that point."""
-    p, radius = world.ball_W_m[:, :3], world.ball_W_m[:, 3]
-    at = np.arange(0, len(p), math.ceil(len(p) / CROWD_SAMPLE))
-    counts = [int(np.count_nonzero(((p - p[k]) ** 2).sum(axis=1) <= radius**2)) for k in at]
-    return max(counts), int(at[np.argmax(counts)])
 
 
 def skin_of(*meshes: "Mesh") -> float:

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.entry import call_entry
 from hapscene.compiled.native import Native, compiling
-from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import place_proxy
-from hapscene.contact.world import Extension, World, build_world, count_overlapping
+from hapscene.contact.world import Extension, World, build_world
 from hapscene.device.model import IDEAL, DeviceLike, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, UsageWarning, no_such, warn
 from hapscene.flags import Flag, flag_of
@@ -125,7 +125,6 @@ class Renderer:
     Warns:
         DeviceWarning: a swatch exceeds the limits of the device, or was recorded with another tip. One warning reports
             the first painted swatch.
-        MeshWarning: more bodies overlap at one point than a tick can test.
         UsageWarning: an effect that no painted swatch enables.
     """
 
@@ -180,14 +179,13 @@ class Renderer:
         self._ticks = 0
 
     def _compile(self, scene: "Scene") -> None:
-        """Build the arrays of the tick and compile it; warn of what the device and the bodies do not allow."""
+        """Build the arrays of the tick and compile it; warn of what the device does not allow."""
         with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
             self.world = build_world(scene.bodies, self._crease_rad, self.tip_radius_m)
             self._fit, self.surface, messages = self._build_surface(scene)
             use_tick(self.world, self.surface, self._row, self._samples)
             self._play = _compile_run(self.world, self.surface, self._row, self._samples)
         _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
-        _warn_of_overlap(scene, self.world)
         self._warn_of_idle_effects(scene)
 
     def __repr__(self) -> str:
@@ -721,20 +719,6 @@ def warn_of_far(p_WT_m: ArrayLike) -> None:
         f"the tool is at ({place}) m, far from all bodies; expected a position near them, in metres: is it in mm?",
         UsageWarning,
     )
-
-
-def _warn_of_overlap(scene: "Scene", world: World) -> None:
-    """Warn if more bodies overlap at one point than a tick can test."""
-    count, index = count_overlapping(world) if len(scene.bodies) > NEAR_MAX else (0, 0)
-    if count > NEAR_MAX:
-        from hapscene.scene.mesh import MeshWarning
-
-        place = ", ".join(f"{v:g}" for v in world.ball_W_m[index, :3])
-        warn(
-            f"{count:,} bodies overlap near ({place}) m, where body {scene.bodies[index].name!r} is. A tick tests "
-            f"{NEAR_MAX} bodies; others are ignored there (Flag.CROWDED). Move them apart, or merge them into one mesh",
-            MeshWarning,
-        )
 
 
 def _compile_run(world: World, surface: Surface, rows: Records, blocks: NDArray[np.float64]) -> Callable[..., None]:
