@@ -125,7 +125,6 @@ class Renderer:
     Warns:
         DeviceWarning: a swatch exceeds the limits of the device, or was recorded with another tip. One warning reports
             the first painted swatch.
-        UsageWarning: an effect that no painted swatch enables.
     """
 
     def __init__(
@@ -186,7 +185,6 @@ class Renderer:
             use_tick(self.world, self.surface, self._row, self._samples)
             self._play = _compile_run(self.world, self.surface, self._row, self._samples)
         _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
-        self._warn_of_idle_effects(scene)
 
     def __repr__(self) -> str:
         names = ", ".join(effect.name for effect in self._effects) or "no effects"
@@ -380,20 +378,6 @@ class Renderer:
                 )
             messages += found if index in painted else []
         return fit, surface, messages
-
-    def _warn_of_idle_effects(self, scene: "Scene") -> None:
-        """Warn of effects that no painted swatch enables."""
-        from hapscene.scene.fine_paint import swatches_of
-
-        for e, effect in enumerate(self._contact_effects):
-            painted = {k for body in scene.bodies for k in swatches_of(body).tolist()} if effect.needs else set()
-            if painted and not any(self._fit.given[k][e, effect.needs] for k in painted):
-                names = ", ".join(sorted(scene.swatches[k].name for k in painted))
-                warn(
-                    f"effect {effect.name!r} does nothing: {effect.needs} is 0 in each painted swatch ({names}); set "
-                    f"it by Swatch(…, effects={{{effect.name!r}: {{{effect.needs!r}: …}}}}), or Renderer.tune",
-                    UsageWarning,
-                )
 
     def repaint(self, scene: "Scene") -> None:
         """Change the swatches and painted faces of the same bodies. Contact continues.

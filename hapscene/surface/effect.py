@@ -80,8 +80,6 @@ class State:
 class Effect:
     """An effect plugin.
 
-    `needs` names a parameter that disables the effect while it is 0: a renderer warns if no swatch sets it.
-
     `table(swatch, rate_Hz)` is called once for each swatch when a scene is built, and returns the array that `render`
     gets as `table`: use it to compute in Python what need not be computed in every tick. For an effect of the scene
     the call is `table(settings, rate_Hz)`, with the settings listed in `arrays`, None for those that are not given.
@@ -98,7 +96,6 @@ class Effect:
     table: Table | None = None
     scope: Literal["contact", "scene"] = "contact"
     arrays: tuple[str, ...] = ()
-    needs: str = ""
 
     def __post_init__(self) -> None:
         if self.scope not in ("contact", "scene"):

@@ -94,5 +94,4 @@ EFFECT = Effect(
         State("drag_N_m", _EACH),
         State("shaft_N_m", _EACH),
     ),
-    needs="puncture_force_N",
 )

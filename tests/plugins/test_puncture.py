@@ -6,7 +6,6 @@ import trimesh
 
 import hapscene
 from hapscene.constants import PASSED_MAX
-from hapscene.errors import UsageWarning
 from hapscene.surface.swatch import Swatch
 from hapscene_plugins.effects.puncture import EFFECT
 
@@ -31,11 +30,6 @@ def press(renderer, z_m, x_m=0.0) -> np.ndarray:
     """Forces (n, 3) along a path, one position per tick."""
     places = np.broadcast_arrays(np.asarray(x_m, float), 0.0, np.asarray(z_m, float))
     return np.array([renderer.step(p).f_W_N for p in np.column_stack(places)])
-
-
-def test_a_renderer_without_a_swatch_that_breaks_warns() -> None:
-    with pytest.warns(UsageWarning, match=r"'puncture' does nothing: puncture_force_N is 0 .*\(skin\)"):
-        arm(puncture_force_N=0.0)
 
 
 def test_the_surface_breaks_at_the_puncture_force():
