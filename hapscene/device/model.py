@@ -121,12 +121,6 @@ class Limits:
             if math.isinf(getattr(self, name)):
                 raise HapsceneError(f"limits: {name} must be finite, is infinite; 0 disables it")
 
-    def __repr__(self) -> str:
-        return (
-            f"<Limits of {self.device!r}: {self.force_N:g} N, walls up to {self.stiffness_N_m:g} N/m and "
-            f"{self.damping_Ns_m:g} N·s/m, delay of {self.delay_ticks} ticks>"
-        )
-
     def record(self) -> Records:
         """The limits as a record (1,) LIMIT for the compiled tick."""
         row = np.zeros(1, LIMIT).view(np.recarray)
@@ -187,12 +181,6 @@ class Device:
     name: str
     point: PointMass | None
     limits: Limits
-
-    def __repr__(self) -> str:
-        mass = "no mass" if self.point is None else f"{self.point.mass_kg:g} kg"
-        return (
-            f"<Device {self.name!r}: {mass}, {self.limits.force_N:g} N, walls up to {self.limits.stiffness_N_m:g} N/m>"
-        )
 
 
 def _device(name: str, point: PointMass, force_N: float, stiffness_N_m: float, damping_Ns_m: float) -> Device:
