@@ -10,7 +10,7 @@ from ..page import Page, shown
 from .handle import FIRM, PLANTS, SIGNALS, SPREAD
 from .machine import machine_words
 from .sheet import Sheet
-from .side_by_side_page import add_peers
+from .side_by_side import add_peers
 from .tick_time import ORDERS
 
 AIMS: Final = (  # description, case, figure, upper bound, unit

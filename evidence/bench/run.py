@@ -15,15 +15,12 @@ from . import (
     accuracy,
     case,
     crowd,
-    deform,
     handle,
     machine,
     side_by_side,
     start_time,
-    surface_fit,
     synthesis,
     tick_time,
-    twin_time,
 )
 from .against import SLOWER, compare_checkouts, lines
 from .chart import write_charts
@@ -119,13 +116,13 @@ def measure(quick: bool, say: Callable[[str], None]) -> Sheet:
     for one in (main, *([] if quick else case.sphere_cases(case.SUBDIVISIONS[-1:], ticks))):
         start_time.measure_start(sheet, one, 1 if quick else 5)
     say("deforming body")
-    deform.measure_deform(sheet, 1.0 if quick else 10.0)
+    crowd.measure_deform(sheet, 1.0 if quick else 10.0)
     say("synthesis")
     synthesis.measure_synthesis(sheet)
     say("fits")
-    surface_fit.measure_fit(sheet, (10.0,) if quick else (10.0, 600.0))
+    synthesis.measure_fit(sheet, (10.0,) if quick else (10.0, 600.0))
     say("closed loop; compensators of the handle")
-    twin_time.measure_twin(sheet)
+    tick_time.measure_twin(sheet)
     handle.measure_handle(sheet, 12 if quick else handle.PLANTS)
     return sheet
 

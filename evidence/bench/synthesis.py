@@ -1,6 +1,8 @@
-"""Time of texture synthesis along a stroke, compared with SciPy's direct-form filter."""
+"""Time of texture synthesis along a stroke, compared with SciPy's direct-form filter; time and memory of a fit."""
 
+import time
 import timeit
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -9,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hapscene.capture.fit.synthesis import synthesize
+from hapscene.capture import SurfaceRecording, fit_swatch, synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet
 
@@ -42,6 +45,33 @@ def measure_synthesis(sheet: Sheet) -> None:
     sheet.add(case, "nine models for 10 s", _time_played(many), "s")
     alive_s = _time_played(replace(many, modulation=MODULATION))
     sheet.add(case, "nine models, alive over lfilter", alive_s / _time_filtered(ar_from_reflection(common)), "times")
+
+
+def measure_fit(sheet: Sheet, durations_s: tuple[float, ...]) -> None:
+    """Fit strokes over the shipped wood whose force and speed vary by a factor of ten; cases "fit, 10 s" and so on.
+
+    "time" is that of `hapscene.capture.fit_swatch` without imports. "memory" is the peak of Python and NumPy memory
+    including the recording, over the size of its three streams as float64; it is measured by tracemalloc in a separate
+    run, because tracemalloc slows the fit.
+    """
+    wood = load_swatch("wood")
+    for duration_s in (1.0, *durations_s):
+        t = np.arange(round(RATE_HZ * duration_s)) / RATE_HZ
+        force_N = 1.0 + 0.8 * np.sin(0.82 * t) + 0.1 * np.sin(10.7 * t)
+        speed_m_s = 0.12 + 0.1 * np.sin(1.95 * t + 1.0)
+        played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
+        start_s = time.perf_counter()
+        fit_swatch(SurfaceRecording(RATE_HZ, played, force_N, speed_m_s))
+        taken_s = time.perf_counter() - start_s
+        if duration_s not in durations_s:
+            continue
+        tracemalloc.start()
+        fit_swatch(SurfaceRecording(RATE_HZ, played, force_N, speed_m_s))
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        case = f"fit, {duration_s:g} s"
+        sheet.add(case, "time", taken_s, "s")
+        sheet.add(case, "memory", 1.0 + most / (3 * played.nbytes), "times")
 
 
 def _time_played(texture: Texture) -> float:

@@ -1,19 +1,27 @@
-"""Time of contact and tick with hot caches, measured inside the tick: the minimum of several runs for each tick."""
+"""Time of contact and tick with hot caches, the minimum of several runs for each tick; time of the closed loop."""
 
 import time
 import timeit
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from hapscene.capture import FitOptions, SurfaceRecording, fit_swatch, synthesize
 from hapscene.clock import new_clock, now_ns
 from hapscene.compiled.native import native
 from hapscene.contact.world import Shapes
+from hapscene.device.sim.omni import Omni
+from hapscene.handle.plant import Plant
+from hapscene.loop import Twin
+from hapscene.motion.gestures import act
 from hapscene.render.recording import Recording
 from hapscene.render.renderer import EFFECTS, Renderer
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
@@ -25,6 +33,9 @@ Times = NDArray[np.int64]
 
 REPEATS: Final = 5
 """Runs of a path after a warm-up run [count]."""
+
+TWIN_REPEATS: Final = 7
+"""Runs of the closed loop, of which the fastest counts [count]."""
 
 ORDERS: Final = (8, 20, 40, 80, 120)
 """Orders that are timed [coefficients]."""
@@ -146,6 +157,19 @@ def measure_effects(sheet: Sheet, case: Case, swatch: Swatch, repeats: int = REP
     for name in EFFECTS:
         alone = hot(Renderer(case.scene(swatch), effects=[name]), case.p_WT_m, repeats).tick_ns
         sheet.add("profile", name, float(np.mean(alone - bare)), "ns")
+
+
+def measure_twin(sheet: Sheet) -> None:
+    """Measure the simulated closed loop: a hand that scrubs wood with an Omni and a handle."""
+    scene = Scene()
+    box = Mesh.from_trimesh(trimesh.creation.box((0.12, 0.12, 0.02)), "m")
+    scene.add(box, name="plate", swatch=load_swatch("wood"))
+    intent = act("scrub", scene, 1e-3, grip="medium")
+    twin = Twin(scene, Omni(), handle=Plant())
+    ticks = len(twin.run(intent))  # compiles, and moves the Omni to its start
+    run, reset = partial(twin.run, intent), partial(twin.reset, intent.target_W_m[0])
+    least_s = min(timeit.repeat(run, reset, number=1, repeat=TWIN_REPEATS))
+    sheet.add("twin, Omni, handle", "tick", 1e6 * least_s / ticks, "µs")
 
 
 def _do_nothing(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:

@@ -8,8 +8,7 @@ import pytest
 
 from hapscene_evidence.bench.case import RADIUS_M, sphere_cases
 from hapscene_evidence.bench.sheet import Sheet
-from hapscene_evidence.bench.side_by_side import OURS, find_drivers, measure
-from hapscene_evidence.bench.side_by_side_page import add_peers
+from hapscene_evidence.bench.side_by_side import OURS, add_peers, find_drivers, measure
 from hapscene_evidence.page import Page
 
 PEER = f"""#!{sys.executable}
