@@ -144,7 +144,7 @@ def test_geoms_of_a_body_and_swatches_by_name() -> None:
     assert worn == ["felt", "wood", "cork"]
     assert {scene.swatches[i].name for b in ("world", "post") for i in scene.body(b).face_swatch} == {"paper"}
     assert scene.paint("cart", swatches["default"], "bed") == 12
-    with pytest.raises(hapscene.HapsceneError, match="'paint' is not used: .*contype"):
+    with pytest.raises(hapscene.HapsceneError, match=r"'paint' is not used: .*contype"):
         hapscene.bridge.MuJoCo(model, data, {"paint": "wood"})
     for one, name in (("wood", "wood"), (swatches["handle"], "cork")):
         same = hapscene.bridge.MuJoCo(model, data, one).scene
