@@ -134,7 +134,7 @@ def test_the_error_has_the_longest_slide(maker: StimulusMaker, monkeypatch: pyte
     states[100:400] = states[1000:2500] = InteractionState.SLIDING
     streams = Streams(1000.0, *[np.ones(3000)] * 4)
     monkeypatch.setattr(maker, "_recording", lambda one: (streams, Segmentation(1000.0, states, (), None, None)))
-    with pytest.raises(StudyError, match="takes 1.5 s"):
+    with pytest.raises(StudyError, match=r"takes 1\.5 s"):
         maker._excerpt(stimulus(**MADE | {"seconds": 2.0}), 0)
 
 
