@@ -107,10 +107,7 @@ def test_silent_client_gets_no_force_until_it_resumes(device: Any, client: Clien
     client.frame(0.0, 0.0, 0.0)
     turn(device)
     assert device.state.ready[0] == 1
-    clock.sleep_s(0.014)
-    turn(device)
-    assert device.state.ready[0] == 1
-    clock.sleep_s(0.002)
+    clock.sleep_s(0.016)
     turn(device)
     assert device.state.ready[0] == 0 and device.state.trouble[0] == SILENT and "FRAME" in device.reason(SILENT)
     client.frame(0.0, 0.0, 0.0)
