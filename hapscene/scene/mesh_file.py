@@ -3,12 +3,9 @@
 import io
 import logging
 import re
-import shutil
-import tempfile
 import warnings
-import weakref
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote
 
@@ -16,7 +13,7 @@ import numpy as np
 
 from hapscene.constants import UNITLESS
 from hapscene.errors import MeshError, warn
-from hapscene.io.files import METRES, open_zip, read_bytes, refusing
+from hapscene.io.files import METRES, read_bytes, refusing
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import (
     UNIT_M,
@@ -114,9 +111,6 @@ def _missing(path: Path, name: str) -> str:
 FILE_MAX_B: Final = 4_000_000_000
 """Maximum size of a mesh file [bytes]."""
 
-UNPACKED_MAX_B: Final = 250_000_000
-"""Maximum unpacked size of an archive [bytes]."""
-
 
 def check(suffix: str, content: bytes, where: str) -> int:
     """Check that a file matches its suffix, is complete, and does not declare more elements than it can hold.
@@ -180,12 +174,12 @@ STEP: Final = ("step", "stp")
 Y_UP: Final = ("glb", "gltf")
 """Formats with y up (glTF 2.0, section 3.4). Other formats do not define it; z is assumed."""
 
-FORMATS: Final = (*UNITLESS, "glb", "gltf", *STEP, "zip")
+FORMATS: Final = (*UNITLESS, "glb", "gltf", *STEP)
 """Suffixes of the supported files."""
 
 
 def load_mesh(path: str | Path, unit: str | None = None, *, up: str | None = None, scale: float = 1.0) -> Mesh:
-    """Load a mesh from STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP, or from a zip archive with one such file.
+    """Load a mesh from STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP.
 
     All objects in a file become one mesh, at their poses. Vertices and faces are not merged, dropped or reordered. The
     group name of a face consists of its object, group and material names in the file.
@@ -242,7 +236,7 @@ def files_of(path: Path) -> list[Path]:
         MeshError: as in `load_mesh`.
     """
     suffix, content, resolver = _open(path)
-    if suffix not in ("obj", "gltf") or path.suffix.lower() == ".zip":
+    if suffix not in ("obj", "gltf"):
         return []
     _read(path, suffix, content, resolver)
     return [file for file in dict.fromkeys(resolver.found) if file.is_relative_to(path.resolve().parent)]
@@ -269,7 +263,7 @@ def _step(path: Path, content: bytes, up: str, scale: float) -> Mesh:
 
 
 def _open(path: Path) -> tuple[str, bytes, FolderResources]:
-    """Return suffix and content of a mesh file or of the mesh in an archive, and the resolver of files beside it."""
+    """Return suffix and content of a mesh file, and the resolver of files beside it."""
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         raise MeshError(
@@ -279,33 +273,7 @@ def _open(path: Path) -> tuple[str, bytes, FolderResources]:
         content = read_bytes(path, FILE_MAX_B, "mesh file")
     if not content:
         raise MeshError(f"{path}: the file is empty")
-    return _unzip(path, content) if suffix == "zip" else (suffix, content, FolderResources(path, FILE_MAX_B))
-
-
-def _unzip(path: Path, content: bytes) -> tuple[str, bytes, FolderResources]:
-    """Unpack an archive that holds one mesh; the temporary folder is removed along with the resolver."""
-    with refusing(MeshError, str(path)):
-        archive = open_zip(io.BytesIO(content), UNPACKED_MAX_B, "unpack it and load the mesh file itself")
-    found = [n for n in archive.namelist() if _suffix(n) in FORMATS[:-1] and not n.startswith("__MACOSX")]
-    if len(found) != 1:
-        what = ", ".join(found[:5]) or "no mesh file"
-        raise MeshError(
-            f"{path}: expected one mesh file in the archive, found {what}; unpack the archive and load one file"
-        )
-    resources = FolderResources(path, UNPACKED_MAX_B)
-    try:
-        folder = Path(tempfile.mkdtemp()).resolve()
-        weakref.finalize(resources, shutil.rmtree, folder, ignore_errors=True)
-        archive.extractall(folder)
-        member = Path(archive.extract(found[0], folder))
-    except Exception as error:  # zipfile raises many classes for damaged or encrypted archives
-        raise MeshError(f"{path}: not a valid zip archive: {error}") from None
-    resources.folders = [member.parent, folder]
-    return _suffix(found[0]), member.read_bytes(), resources
-
-
-def _suffix(name: str) -> str:
-    return PurePosixPath(name).suffix.lower().lstrip(".")
+    return suffix, content, FolderResources(path, FILE_MAX_B)
 
 
 def _read(path: Path, suffix: str, content: bytes, resolver: FolderResources) -> tuple[list[Part], str | None]:

@@ -100,7 +100,7 @@ def dimensions(size_m: NDArray[np.float64]) -> str:
 
 def _likely(mesh: Mesh, diagonal_m: float) -> list[str]:
     """Return up to two units that give a mesh a likely size; empty if the size is likely or the file has a unit."""
-    has_unit = mesh.path is None or mesh.path.suffix.lower()[1:] not in (*UNITLESS, "zip") or mesh.scale != 1.0
+    has_unit = mesh.path is None or mesh.path.suffix.lower()[1:] not in UNITLESS or mesh.scale != 1.0
     if has_unit or LIKELY_M[0] <= diagonal_m <= LIKELY_M[1]:
         return []
     sizes_m = {unit: diagonal_m * UNIT_M[unit] / UNIT_M[mesh.unit] for unit in COMMON}

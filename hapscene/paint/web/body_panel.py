@@ -28,7 +28,7 @@ from hapscene.scene.size_advice import LIKELY_M, dimensions, size_advice
 
 __all__ = ["BESIDE", "MESHES", "BodyPanel"]
 
-MESHES: Final = tuple(f".{suffix}" for suffix in FORMATS if suffix != "zip")
+MESHES: Final = tuple(f".{suffix}" for suffix in FORMATS)
 BESIDE: Final = (".mtl", ".bin", ".png", ".jpg", ".jpeg")
 """Suffixes of files that a mesh may refer to."""
 

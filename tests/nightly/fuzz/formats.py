@@ -5,7 +5,6 @@ import json
 import re
 import struct
 import tempfile
-import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -117,14 +116,6 @@ def gltf() -> Files:
     return {"x.gltf": made.pop("model.gltf"), **made}
 
 
-def packed() -> Files:
-    archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as out:
-        for name, content in obj().items():
-            out.writestr(name, content)
-    return {"x.zip": archive.getvalue()}
-
-
 def step() -> Files:
     """A cube of 9 mm as a faceted solid: the shortest STEP with a shape."""
     text: list[str] = []
@@ -160,7 +151,7 @@ def step() -> Files:
 
 
 def read_mesh(path: Path) -> int:
-    mesh = load_mesh(path, "mm" if path.suffix[1:] in (*UNITLESS, "zip") else None)
+    mesh = load_mesh(path, "mm" if path.suffix[1:] in UNITLESS else None)
     examine(mesh).text()
     return len(mesh.faces)
 
@@ -403,7 +394,6 @@ FORMATS: Mapping[str, Format] = {
     "off": Format(ball("off"), read_mesh),
     "glb": Format(ball("glb"), read_mesh),
     "gltf": Format(gltf, read_mesh),
-    "zip": Format(packed, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),
     "fine-glb": painted("x.glb", fine=True),

@@ -45,7 +45,6 @@ KINDS: dict[str, str | Callable[[Path, Path], Path]] = {
     "STEP": "base_interface_AP214.STEP",
     "OBJ with sharp edges": "fandisk.obj",
     "OBJ with groups": "groups.obj",
-    "zip of an OBJ with material and texture": "fuze.zip",
     "scan PLY": "bunny.ply",
     "OFF": off,
 }
