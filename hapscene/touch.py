@@ -183,9 +183,6 @@ def open_scene(
 
     Raises:
         HapsceneError: the file cannot be loaded, or an option does not apply to this type of file.
-
-    Warns:
-        ExchangeWarning: the file of a painted scene does not contain everything.
     """
     turned = ("--up", up), ("--scale", scale != 1.0)
     if str(path).endswith(SCENE_SUFFIXES):

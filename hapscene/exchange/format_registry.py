@@ -15,7 +15,7 @@ from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.gltf import write_gltf
 from hapscene.exchange.gltf_read import read_gltf
 from hapscene.exchange.html_page import write_html
-from hapscene.exchange.swatch_payload import digest_of, known_swatch, warn_of_loss
+from hapscene.exchange.swatch_payload import digest_of, known_swatch
 from hapscene.io.files import check_file, naming, whole_file, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts, swatches_of
@@ -254,36 +254,19 @@ def painted_scene(
 
     Raises:
         SceneError, MeshError, SwatchError: as in `import_scene`; or `unit`, `up` or `scale` contradicts the file.
-
-    Warns:
-        ExchangeWarning: the format does not preserve all properties of a scene.
     """
     path = Path(path)
-    scene = _own_scene(path, up, scale)
-    if scene is None:
-        return None
-    if unit is not None and unit_name(unit) != "m":
-        raise SceneError(f"{path}: contains a painted scene in metres; omit --unit {unit}")
-    loses = EXPORTS[format_of(path)].loses
-    warn_of_loss(f"{path}: contains a painted scene; its format does not preserve: {', '.join(loses)}")
-    return scene
-
-
-def _own_scene(path: Path, up: str | None, scale: float) -> Scene | None:
-    """Read a scene from a file that `export_scene` wrote; return None for other files."""
     with naming(path):
         scene = read_gltf(path) if path.suffix.lower() == ".glb" else None
     if scene is not None and (up is not None or scale != 1.0):
         raise SceneError(f"{path}: contains a painted scene with axis and size; omit --up and --scale")
+    if scene is not None and unit is not None and unit_name(unit) != "m":
+        raise SceneError(f"{path}: contains a painted scene in metres; omit --unit {unit}")
     return scene
 
 
 def import_scene(
-    path: str | os.PathLike[str],
-    unit: str | None = None,
-    *,
-    up: str | None = None,
-    scale: float = 1.0,
+    path: str | os.PathLike[str], unit: str | None = None, *, up: str | None = None, scale: float = 1.0
 ) -> Scene:
     """Import a scene from a file that `export_scene` wrote, or from any mesh file.
 
@@ -292,8 +275,7 @@ def import_scene(
 
     Args:
         path: GLB, or any mesh file.
-        unit: unit of length of a mesh file, see `hapscene.load_mesh`; exported scenes are in metres.
-        up, scale: vertical axis and scale of a mesh file, see `hapscene.load_mesh`; exported scenes define them.
+        unit, up, scale: of a mesh file, see `hapscene.load_mesh`; exported scenes define them.
 
     Raises:
         SceneError: the file is missing, damaged or not a scene.
@@ -301,7 +283,7 @@ def import_scene(
         SwatchError: a swatch in the file is invalid.
     """
     path = Path(path)
-    scene = _own_scene(path, up, scale)
+    scene = painted_scene(path, unit, up=up, scale=scale)
     if scene is not None:
         return scene
     with naming(path):
