@@ -117,6 +117,10 @@ class ShownSubfaces:
     def _group(self) -> NDArray[np.int32]:
         return self._group_of()
 
+    def prepare(self) -> None:
+        """Compute in advance what the first update of a large mesh needs. Thread-safe."""
+        _ = self._group, self._bits
+
     def update(self, faces: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.integer]]:
         """Update faces (n,); returns the changed patches, and the faces that are newly or no longer subdivided."""
         fine = self._body.fine or NOTHING
@@ -415,7 +419,8 @@ class ShownBody:
     def prepare(self) -> None:
         """Compute in advance what the first stroke needs: it takes seconds for a large mesh. Thread-safe."""
         self._shape.prepare()
-        _ = self._represented, self._subfaces._group, self._subfaces._bits
+        self._subfaces.prepare()
+        _ = self._represented
 
     def look_mesh(self) -> Mesh:
         """The mesh with its materials, sunk by `RAISED`, so that the painted layers lie over it."""
