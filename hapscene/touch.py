@@ -102,10 +102,11 @@ def write_touch(
         dark: use a dark background.
         more: further entries of the summary.
     """
+    from hapscene.view.chart import save_chart
     from hapscene.view.palette import DARK, LIGHT, albedo_colours
     from hapscene.view.picture import write_picture
-    from hapscene.view.plot import write_plot
-    from hapscene.view.sound import write_sound
+    from hapscene.view.plot import draw_plot
+    from hapscene.view.sound import write_wave
 
     missing: dict[str, str] = {}
     with ThreadPoolExecutor(1) as executor:  # another process draws the picture meanwhile
@@ -116,11 +117,12 @@ def write_touch(
         with step(say, "writing touch.npz, touch.csv, feel.wav"):
             recording.save(folder / "touch.npz")
             recording.save_csv(folder / "touch.csv")
-            audible = recording if a_handle_m_s2 is None else replace(recording, a_m_s2=a_handle_m_s2)
-            full_scale_m_s2 = write_sound(audible, folder / "feel.wav")
+            audible_m_s2 = recording.a_m_s2 if a_handle_m_s2 is None else a_handle_m_s2
+            full_scale_m_s2 = write_wave(audible_m_s2.ravel(), recording.a_rate_Hz, folder / "feel.wav")
         with step(say, "plotting plots.png"):
             heading = f"{title}: {len(recording):,} ticks, {np.count_nonzero(recording.touching):,} in contact"
-            write_plot(recording, folder / "plots.png", heading, colours=albedo_colours(scene.swatches), dark=dark)
+            figure = draw_plot(recording, heading, albedo_colours(scene.swatches))
+            save_chart(figure, folder / "plots.png", dark=dark)
         if picture is not None:
             with step(say, "drawing scene.png"):
                 try:
@@ -323,7 +325,8 @@ def touch_by_hand(
         OSError: the folder cannot be written.
     """
     from hapscene.loop.result import summarise_result
-    from hapscene.view.plot import write_hand_plot
+    from hapscene.view.chart import save_chart
+    from hapscene.view.plot import draw_hand_plot
 
     with whole_folder(out, ours=MADE_BY_HAND) as folder:
         with step(say, f"preparing {_describe_size(scene)}"):
@@ -337,7 +340,7 @@ def touch_by_hand(
         )
         with step(say, "writing hand.npz, hand.png"):
             result.save(folder / "hand.npz")
-            write_hand_plot(result, folder / "hand.png", title, dark)
+            save_chart(draw_hand_plot(result, title), folder / "hand.png", dark=dark)
     return _made(out, MADE_BY_HAND, missing, say)
 
 

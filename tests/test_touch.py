@@ -82,7 +82,7 @@ def test_job_goes_on_without_gl(tmp_path: Path, scene: Scene, p_WT: np.ndarray, 
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-@pytest.mark.parametrize("writer", ["hapscene.render.recording.Recording.save_csv", "hapscene.view.plot.write_plot"])
+@pytest.mark.parametrize("writer", ["hapscene.render.recording.Recording.save_csv", "hapscene.view.plot.draw_plot"])
 def test_job_that_fails_midway_leaves_what_was_there(
     tmp_path: Path,
     scene: Scene,

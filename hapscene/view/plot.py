@@ -1,17 +1,16 @@
 """Plots of a recorded touch over time (plots.png), and of a closed-loop touch (hand.png)."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.render.recording import Recording
-from hapscene.view.chart import new_chart, save_chart
+from hapscene.view.chart import new_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE
 
-__all__ = ["STYLE", "draw_hand_plot", "draw_plot", "envelope", "write_hand_plot", "write_plot"]
+__all__ = ["STYLE", "draw_hand_plot", "draw_plot", "envelope"]
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 
 COLUMN_COUNT: Final = 2000
 """Number of columns of a plotted signal [count]; each shows the range of its samples, so peaks remain visible."""
-
-DPI: Final = 110
-"""Resolution [1/in]: 1430 pixels wide."""
 
 WINDOW_S: Final = 0.05
 """Window length of the spectrogram [s]: a frequency resolution of 20 Hz, and taps still appear short."""
@@ -40,26 +36,14 @@ FREQUENCY_MAX_HZ: Final = 1000.0
 """Maximum plotted frequency [Hz], above which vibration is not perceived."""
 
 
-def write_plot(
-    recording: Recording, path: str | Path, title: str = "", *, colours: Sequence[str] | None = None, dark: bool = False
-) -> None:
-    """Write a PNG plot of swatch, force, penetration depth, acceleration and its spectrogram over time.
+def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
+    """Return a figure of swatch, force, penetration depth, acceleration and its spectrogram over time.
 
     Args:
         recording: recording of at least one tick.
-        path: file to write.
         title: title of the figure.
         colours: colour "#rrggbb" of each swatch in `recording.swatch_names`. Default: a palette.
-        dark: whether the background is dark.
-
-    Raises:
-        OSError: the folder is missing or cannot be written.
     """
-    save_chart(draw_plot(recording, title, colours), path, DPI, dark)
-
-
-def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
-    """Return the figure of `write_plot`."""
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         swatch_count = len(np.unique(recording.swatch[recording.swatch >= 0]))
         axes = _rows(figure, (0.4, 3, 2, 2, 2.6), legend_rows=-(-swatch_count // LEGEND_COLUMNS))
@@ -231,13 +215,8 @@ def envelope(
 # hand.png: a closed-loop touch with simulated hand: target and device position, forces, accelerations, energy.
 
 
-def write_hand_plot(result: "ClosedLoopResult", path: str | Path, title: str = "", dark: bool = False) -> None:
-    """Write a PNG plot of heights, forces, accelerations and motor work over time."""
-    save_chart(draw_hand_plot(result, title), path, DPI, dark)
-
-
 def draw_hand_plot(result: "ClosedLoopResult", title: str = "") -> "Figure":
-    """Return the figure of `write_hand_plot`."""
+    """Return a figure of heights, forces, accelerations and motor work over time."""
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         axes = _rows(figure, (1, 1, 1, 1))
         for ax, draw in zip(axes, (_draw_height, _draw_hand_force, _draw_hand_acceleration, _draw_work), strict=True):

@@ -1,4 +1,4 @@
-"""Export of the recorded acceleration as sound: the signal that a vibration actuator would play."""
+"""Export of an acceleration as sound: the signal that a vibration actuator would play."""
 
 import wave
 from pathlib import Path
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.io.files import whole_file
-from hapscene.render.recording import Recording
 
-__all__ = ["FADE_S", "PEAK_DBFS", "write_sound", "write_wave"]
+__all__ = ["FADE_S", "PEAK_DBFS", "write_wave"]
 
 PEAK_DBFS: Final = -1.0
 """Level of the loudest sample [dBFS], with headroom for resampling."""
@@ -19,20 +18,15 @@ FADE_S: Final = 0.005
 """Length of the fade at both ends [s], which avoids clicks."""
 
 
-def write_sound(recording: Recording, path: str | Path) -> float:
-    """Write the acceleration of a recording as WAV: mono, 16 bit, with its sample rate.
+def write_wave(a_m_s2: NDArray[np.float64], rate_Hz: float, path: str | Path) -> float:
+    """Write an acceleration (n,) [m/s²] as WAV: mono, 16 bit, with its sample rate [Hz].
 
     Returns:
-        Acceleration at full scale [m/s²]; 0 if the recording is silent.
+        Acceleration at full scale [m/s²]; 0 for silence.
 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    return write_wave(recording.a_m_s2.ravel(), recording.a_rate_Hz, path)
-
-
-def write_wave(a_m_s2: NDArray[np.float64], rate_Hz: float, path: str | Path) -> float:
-    """Write an acceleration (n,) [m/s²] as `write_sound`."""
     peak_m_s2 = float(np.abs(a_m_s2).max(initial=0.0))
     full_scale_m_s2 = peak_m_s2 / 10 ** (PEAK_DBFS / 20)
     signal = a_m_s2 / full_scale_m_s2 if peak_m_s2 > 0 else np.zeros_like(a_m_s2)

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from hapscene.render.recording import Recording
+from hapscene.view.chart import save_chart
 from hapscene.view.plot import (
     BOTTOM,
     LEFT,
@@ -19,7 +20,6 @@ from hapscene.view.plot import (
     draw_hand_plot,
     draw_plot,
     envelope,
-    write_plot,
 )
 
 
@@ -45,7 +45,7 @@ def test_envelope_keeps_peaks() -> None:
 def test_short_recordings(tmp_path: Path, recording: Recording, count: int) -> None:
     arrays = {f.name: getattr(recording, f.name) for f in fields(recording)}
     cut = {name: a[:count] for name, a in arrays.items() if isinstance(a, np.ndarray)}
-    write_plot(replace(recording, **cut), tmp_path / "plots.png")
+    save_chart(draw_plot(replace(recording, **cut)), tmp_path / "plots.png")
     with Image.open(tmp_path / "plots.png") as image:
         assert image.format == "PNG" and image.width > 1000
 

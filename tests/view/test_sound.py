@@ -9,13 +9,13 @@ from scipy.io import wavfile
 from scipy.signal import welch
 
 from hapscene.render.recording import Recording
-from hapscene.view.sound import write_sound
+from hapscene.view.sound import write_wave
 
 
 def test_spectrum(tmp_path: Path, recording: Recording) -> None:
     noise = np.random.default_rng(4).normal(size=recording.a_m_s2.shape)
     recording = replace(recording, a_m_s2=recording.a_m_s2 + noise)
-    full_scale_m_s2 = write_sound(recording, tmp_path / "feel.wav")
+    full_scale_m_s2 = write_wave(recording.a_m_s2.ravel(), recording.a_rate_Hz, tmp_path / "feel.wav")
     rate_Hz, wave = wavfile.read(tmp_path / "feel.wav")
     assert rate_Hz == recording.a_rate_Hz and wave.dtype == np.int16 and wave.shape == (20_000,)
     _, wave_density = welch(wave / 32767 * full_scale_m_s2, rate_Hz, nperseg=1000)
@@ -24,7 +24,8 @@ def test_spectrum(tmp_path: Path, recording: Recording) -> None:
 
 
 def test_level(tmp_path: Path, recording: Recording) -> None:
-    assert write_sound(recording, tmp_path / "feel.wav") == pytest.approx(3.0 * 10 ** (1 / 20), rel=1e-3)
+    full_scale_m_s2 = write_wave(recording.a_m_s2.ravel(), recording.a_rate_Hz, tmp_path / "feel.wav")
+    assert full_scale_m_s2 == pytest.approx(3.0 * 10 ** (1 / 20), rel=1e-3)
     _, wave = wavfile.read(tmp_path / "feel.wav")
     assert 20 * np.log10(np.abs(wave).max() / 32767) == pytest.approx(-1.0, abs=0.01)
     assert wave[0] == 0 and abs(int(wave[-1])) < 700
