@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 import hapscene
-from hapscene.scene.region import PlaneSide
+from hapscene.scene.region import Box
 
 HERE = Path(__file__).parent
 MESHES = HERE / "meshes"
@@ -203,7 +203,7 @@ def make_scene(path: Path) -> None:
     scene.paint("bracket", "wood", "wall")
     scene.paint("bracket", "leather", "pocket")
     scene.add(MESHES / "toad.ply", unit="m", swatch="leather", pose=place(0.0))
-    scene.paint("toad", "paper", PlaneSide(point_m=(-0.004, 0, 0), normal=(-1, 0, 0)), resolution_m=math.inf)
+    scene.paint("toad", "paper", Box((-1, -1, -1), (-0.004, 1, 1)), resolution_m=math.inf)
     scene.add(MESHES / "plate.obj", unit="mm", swatch="wood", pose=place(0.11))
     scene.paint("plate", "paper", "woven")
     scene.save(path)

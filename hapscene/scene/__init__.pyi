@@ -4,7 +4,6 @@ from .mesh import MeshWarning as MeshWarning
 from .mesh_doctor import examine as examine
 from .mesh_doctor import repair as repair
 from .region import Box as Box
-from .region import PlaneSide as PlaneSide
 from .region import Region as Region
 from .region import Sphere as Sphere
 from .region import Tube as Tube

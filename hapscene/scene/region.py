@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError
 
-__all__ = ["Box", "PlaneSide", "Region", "Sphere", "Tube"]
+__all__ = ["Box", "Region", "Sphere", "Tube"]
 
 
 class Region(ABC):
@@ -83,28 +83,6 @@ class Sphere(Region):
     def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the signed distance (n,) of points (n, 3) from the surface [m], negative inside."""
         return np.asarray(np.linalg.norm(points_m - np.asarray(self.centre_m), axis=1) - self.radius_m)
-
-
-@dataclass(frozen=True)
-class PlaneSide(Region):
-    """A half-space, given by a point of its plane [m] and the normal that points into it, of any length.
-
-    Raises:
-        SceneError: the point or the normal is not three finite numbers, or the normal is zero.
-    """
-
-    point_m: ArrayLike
-    normal: ArrayLike
-
-    def __post_init__(self) -> None:
-        _point(self.point_m, "point_m")
-        if not _point(self.normal, "normal").any():
-            raise SceneError("plane: normal must not be zero")
-
-    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the signed distance (n,) of points (n, 3) from the plane [m], negative where the normal points to."""
-        normal = np.asarray(self.normal, float)
-        return np.asarray((np.asarray(self.point_m) - points_m) @ (normal / np.linalg.norm(normal)))
 
 
 @dataclass(frozen=True)

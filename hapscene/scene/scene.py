@@ -172,7 +172,7 @@ class Scene:
     ) -> int:
         """Paint a swatch on a body.
 
-        `Box`, `Sphere`, `PlaneSide` and `Tube` subdivide faces, so the border follows the region even on large
+        `Box`, `Sphere` and `Tube` subdivide faces, so the border follows the region even on large
         triangles. All other values of `where` select whole faces.
 
         Args:
@@ -198,9 +198,7 @@ class Scene:
             index = self.swatch_index(swatch)
             return len(paint_region(painted, where, index, resolution_m=resolution_m, falloff_m=falloff_m))
         if falloff_m != 0:
-            raise SceneError(
-                f"falloff_m needs a region that subdivides faces (Box, Sphere, PlaneSide, Tube), not {where!r}"
-            )
+            raise SceneError(f"falloff_m needs a region that subdivides faces (Box, Sphere, Tube), not {where!r}")
         chosen = _faces(painted, where)
         paint_faces(painted, chosen, self.swatch_index(swatch))
         return int(np.count_nonzero(chosen))

@@ -15,7 +15,7 @@ import trimesh
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import SceneError
 from hapscene.exchange.html_page import html_page
-from hapscene.scene.region import PlaneSide, Sphere
+from hapscene.scene.region import Box, Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import load_effect
 from hapscene.swatches.library import load_swatch
@@ -124,7 +124,7 @@ def test_border_is_where_it_was_painted() -> None:
 def test_large_meshes_are_reduced() -> None:
     scene = Scene()
     scene.add(trimesh.creation.icosphere(subdivisions=5, radius=0.03), unit="m", swatch="wood")
-    scene.paint("body", "paper", PlaneSide((0.0, 0.0, 0.01), (0.0, 0.0, 1.0)))
+    scene.paint("body", "paper", Box((-1.0, -1.0, 0.01), (1.0, 1.0, 1.0)))
     corners, names = triangles(content_of(html_page(scene, "ball", shown_max=3000)))
     assert 2000 < len(corners) <= 3000
     cap_m2 = 2 * np.pi * 0.03 * 0.02

@@ -8,7 +8,7 @@ from hapscene.errors import PathError
 from hapscene.motion.hand_path import DEPTH_M, HOVER_M, PathBuilder, explore
 from hapscene.motion.look_from_above import TopView, look_from_above
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.region import PlaneSide
+from hapscene.scene.region import Box
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 
@@ -93,7 +93,7 @@ def test_explore_strokes_across_the_border_of_two_swatches() -> None:
     scene = Scene()
     plate = trimesh.creation.box((0.12, 0.08, 0.01)).subdivide().subdivide()
     scene.add(Mesh.from_trimesh(plate, "m"), name="plate")
-    scene.paint("plate", Swatch("rough"), PlaneSide((0.0, 0.02, 0.0), (0.0, 1.0, 0.0)))
+    scene.paint("plate", Swatch("rough"), Box((-1.0, 0.02, -1.0), (1.0, 1.0, 1.0)))
     p_WT = explore(scene, TICK_S)
     view = look_from_above(scene)(p_WT[:, 0], p_WT[:, 1])
     below = p_WT[:, 2] < view.z_m

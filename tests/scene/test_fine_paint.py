@@ -10,7 +10,7 @@ import trimesh
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.scene import Box, PlaneSide, Sphere, Tube
+from hapscene.scene import Box, Sphere, Tube
 from hapscene.scene.fine_paint import (
     LEVEL_MAX,
     NOTHING,
@@ -173,7 +173,7 @@ def test_falloff_needs_a_volume():
 
 @pytest.mark.parametrize(
     "region",
-    [Sphere((0.1, 0, 0), 0.3), Box((-0.1, -0.2, 0), (0.2, 0.1, 0.3)), PlaneSide((0.1, 0, 0), (1, 2, 3)),
+    [Sphere((0.1, 0, 0), 0.3), Box((-0.1, -0.2, 0), (0.2, 0.1, 0.3)),
      Tube([(0, 0, 0)], 0.2), Tube([(0, 0, 0), (0.2, 0.1, 0), (0.2, 0.1, 0), (0, 0.3, 0.1)], 0.1)],
 )  # fmt: skip
 def test_signed_distances(region):

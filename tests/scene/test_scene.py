@@ -10,7 +10,7 @@ import trimesh
 import hapscene
 from hapscene.errors import MeshError, SceneError, SwatchError
 from hapscene.scene.mesh import Mesh, MeshWarning
-from hapscene.scene.region import PlaneSide
+from hapscene.scene.region import Box
 from hapscene.surface.swatch import PLAIN, Swatch
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
@@ -82,7 +82,7 @@ def test_paint_all_faces_group_indices_mask_and_region(tmp_path):
     assert scene.paint("box", SLATE, "lid") == 4 and body.face_swatch.tolist() == [1] * 8 + [2] * 4
     assert scene.paint("box", PLAIN, [0, 3, 3]) == 2 and body.face_swatch[[0, 3]].tolist() == [0, 0]
     assert scene.paint("box", SLATE, np.arange(12) < 2) == 2
-    assert scene.paint("box", OAK, PlaneSide((0, 0, 0.04), (0, 0, 1)), resolution_m=math.inf) == 2
+    assert scene.paint("box", OAK, Box((-1, -1, 0.04), (1, 1, 1)), resolution_m=math.inf) == 2
     assert (body.face_swatch[mesh.normals[:, 2] > 0.9] == 1).all()
     assert scene.paint("box", OAK, []) == 0
     assert scene.swatches == [PLAIN, OAK, SLATE]

@@ -11,7 +11,7 @@ import hapscene
 from hapscene.constants import BLEND_S
 from hapscene.dsp.ar_filter import lsf_from_ar
 from hapscene.flags import Flag
-from hapscene.scene import Box, PlaneSide, Sphere
+from hapscene.scene import Box, Sphere
 from hapscene.scene.fine_paint import paint_region
 from hapscene.surface.surface_arrays import put_numbers
 from hapscene.surface.swatch import Swatch
@@ -33,6 +33,7 @@ def resonance(frequency_Hz, level_m_s2, r=0.97):
 
 A, B = resonance(150, 1.0), resonance(400, 2.0)
 HARD = Swatch("hard", stiffness_N_m=800.0, texture=A[2], friction_dynamic=0.2, friction_static=0.2)
+HALF = Box((0, -1, -1), (1, 1, 1))
 SOFT = Swatch("soft", stiffness_N_m=200.0, texture=B[2], friction_dynamic=0.4, friction_static=0.4)
 
 
@@ -78,7 +79,7 @@ def test_the_spectrum_of_a_blend_is_the_sum_of_both_by_weight(weight):
 
 def test_force_follows_the_weight_over_a_soft_border():
     falloff_m = 0.008
-    renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), falloff_m)), ["wall"])
+    renderer = hapscene.Renderer(scene_of((SOFT, HALF, falloff_m)), ["wall"])
     path = stroke(1.0, 0.05)
     recording = renderer.run(path)
     weight = np.clip(0.5 + path[:, 0] / falloff_m, 0, 1)
@@ -97,7 +98,7 @@ def test_soft_border_causes_no_click():
     path = there_and_back(stroke(0.2, 0.4))
     steps = []
     for falloff_m in (None, 0.004):
-        scene = scene_of(*([] if falloff_m is None else [(two, PlaneSide((0, 0, 0), (1, 0, 0)), falloff_m)]), base=one)
+        scene = scene_of(*([] if falloff_m is None else [(two, HALF, falloff_m)]), base=one)
         renderer = hapscene.Renderer(scene, ["lpc_texture"])
         renderer.reset(path[0])
         samples = [renderer.run(path).a_m_s2.ravel() for _ in range(10)]
@@ -116,7 +117,7 @@ def blend_of(renderer, path):
 
 
 def test_effects_keep_their_state_across_a_blend():
-    renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.008)), ["wall"])
+    renderer = hapscene.Renderer(scene_of((SOFT, HALF, 0.008)), ["wall"])
     swatch, other, weight, crossed, other_crossed, bank = blend_of(renderer, there_and_back(stroke(0.3))[:-1])
     n = len(swatch)
     assert crossed[0] == 1 and not crossed[1:].any()  # at the start of the contact only
@@ -131,7 +132,7 @@ def test_effects_keep_their_state_across_a_blend():
 def test_effects_of_the_scene_ignore_soft_borders():
     """Effects of the scene have one state, unlike effects of contact."""
     path = there_and_back(there_and_back(stroke(0.4)))
-    scene = scene_of((SOFT, PlaneSide((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), 0.01))
+    scene = scene_of((SOFT, HALF, 0.01))
     pull = {"weight": {"mass_kg": 0.05, "gravity_z_m_s2": -10.0, "ease_s": 0.005}}
     bare = hapscene.Renderer(scene, ["wall"]).run(path)
     loaded = hapscene.Renderer(scene, ["wall", "weight"], settings=pull).run(path)
@@ -140,7 +141,7 @@ def test_effects_of_the_scene_ignore_soft_borders():
 
 def test_third_swatch_and_hard_borders():
     third = Swatch("third", stiffness_N_m=300.0)
-    scene = scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.02), (third, Box((-0.003, -1, -1), (0.004, 1, 1)), 0))
+    scene = scene_of((SOFT, HALF, 0.02), (third, Box((-0.003, -1, -1), (0.004, 1, 1)), 0))
     swatch, other, weight, crossed, _, _ = blend_of(hapscene.Renderer(scene, ["wall"]), stroke(0.6))
     edge = np.flatnonzero(crossed)
     assert swatch[edge[1]] == 3 and 1 <= len(edge) <= 3
@@ -150,7 +151,7 @@ def test_third_swatch_and_hard_borders():
 
 
 def test_failed_effect_is_muted_on_both_swatches():
-    renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.008)), ["wall", "lpc_texture"])
+    renderer = hapscene.Renderer(scene_of((SOFT, HALF, 0.008)), ["wall", "lpc_texture"])
     put_numbers(renderer.surface, renderer._effects, 2, {(1, "texture_gain"): np.nan})
     recording = renderer.run(stroke(0.3))
     muted = (recording.flags & int(Flag.EFFECT_MUTED)) != 0
