@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
     from websockets.sync.server import ServerConnection
 
-__all__ = ["PageConnection", "WebServer"]
+__all__ = ["PageConnection", "WebServer", "url_host"]
 
 CONNECTIONS_MAX: Final = 32
 """Largest number of open connections [count]: a page opens some for its files and keeps one."""
@@ -149,7 +149,7 @@ class WebServer:
             max_queue=16,
         )
         self.address = self._listener.address
-        self.url = f"http://{_reachable(host)}:{self.address[1]}/{self._token}/"
+        self.url = f"http://{url_host(host)}:{self.address[1]}/{self._token}/"
 
     def open(self) -> None:
         """Start to answer."""
@@ -260,7 +260,7 @@ def _response(status: http.HTTPStatus, content: bytes, content_type: str = "text
     return Response(int(status), status.phrase, Headers(headers), content)
 
 
-def _reachable(host: str) -> str:
+def url_host(host: str) -> str:
     """A host as written in a URL; for "all addresses", the one by which other machines reach this one."""
     if host in ("0.0.0.0", "::", ""):
         with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -162,9 +162,9 @@ class Page:
         return self.context.session.path
 
     @property
-    def public(self) -> bool:
-        """Whether other computers can reach the page."""
-        return self._served.public
+    def network_url(self) -> str | None:
+        """Address of the page for other computers; None if they cannot reach it."""
+        return self._served.network_url
 
     def __enter__(self) -> "Page":
         self._start(self._monitor.run())
@@ -370,7 +370,7 @@ class Page:
             gui.add_html('<span class="hs-sticky"></span>')  # keeps the next folder in place while the swatches scroll
         self._body_panel = BodyPanel(self.context, bodies)
         HandPanel(self.context, self._haptics)
-        self._file_panel = FilePanel(self.context, file, self._path, self._served.addresses())
+        self._file_panel = FilePanel(self.context, file, self._path)
         gui.set_panel_label(self._path.name)
         self._file_panel.offer_recovery()
 

@@ -309,7 +309,7 @@ def test_failed_page_releases_its_resources(tmp_path: Path, monkeypatch: pytest.
     for _ in range(2):
         with Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False) as page:
             page.context.session.fill_body(0, 1)
-        assert page.kept and not page.public
+        assert page.kept and page.network_url is None
     for thread in set(threading.enumerate()) - before:
         if not thread.name.startswith(("asyncio", "ThreadPool")):  # a thread that the loop lends stays
             thread.join()

@@ -14,7 +14,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from hapscene.errors import ViewError
-from hapscene.paint.web.server import LOOPBACK, SOCKET_PATH, PageServer, host_names, own_addresses
+from hapscene.paint.web.server import LOOPBACK, SOCKET_PATH, PageServer, host_names
+from hapscene.web import server as web_server
 from hapscene.web.listener import refusal_reason
 
 
@@ -52,16 +53,6 @@ def test_address_of_another_machine_is_refused_at_once(host: str) -> None:
         pool.submit(PageServer, host, 0).result(timeout=60)
 
 
-def test_addresses_of_this_computer_are_not_those_of_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    def offline(*arguments: Any) -> None:
-        raise OSError
-
-    found = [(0, 0, 0, "", (address, 0)) for address in ("127.0.1.1", "192.0.2.5", "192.0.2.5", "192.0.2.6")]
-    monkeypatch.setattr(socket.socket, "connect", offline)
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *arguments: found)
-    assert own_addresses() == ["192.0.2.5", "192.0.2.6"]
-
-
 @pytest.fixture(scope="module")
 def opened() -> Iterator[PageServer]:
     async def echo(connection: Any) -> None:
@@ -90,6 +81,18 @@ def ask(server: Any, path: str, host: str | None = None) -> tuple[int, bytes, An
     connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
     answer = connection.getresponse()
     return answer.status, answer.read(), answer.headers
+
+
+def test_addresses_for_this_and_for_other_computers(
+    opened: PageServer, token: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, lan = opened.viser.get_port(), "192.168.1.5"
+    for host, url, network_url in (("127.0.0.1", "127.0.0.1", None), ("0.0.0.0", "localhost", lan), (lan, lan, lan)):
+        monkeypatch.setattr(opened.viser, "get_host", lambda host=host: host)
+        monkeypatch.setattr(web_server.socket.socket, "getsockname", lambda probe: (lan, 0))
+        assert opened.url == f"http://{url}:{port}/{token}/"
+        assert opened.network_url == (network_url and f"http://{network_url}:{port}/{token}/")
+    assert web_server.url_host("fe80::1") == "[fe80::1]"
 
 
 def test_page_of_viser_includes_the_scripts_of_the_painter(server: Any, token: str) -> None:
