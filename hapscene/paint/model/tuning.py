@@ -338,16 +338,6 @@ class SwatchTuning:
             self._painting.change(what, [SwatchDelta(index, old, SwatchState(named, file.resolve()))])
             return file
 
-    def detach_from_library(self, name: str) -> None:
-        """Store a swatch with the scene from now on, because its library file was moved or deleted."""
-        with self._painting.lock:
-            index = self._painting.swatch_named(name)
-            old = None if index is None else self._painting.swatches[index]
-            if index is not None and old is not None and isinstance(old.source, Path):
-                self._painting.end_step()
-                new = replace(old, source=None)
-                self._painting.change(f"keep {name!r} in the scene", [SwatchDelta(index, old, new)])
-
     def _tunable(self, swatch: int | str) -> int:
         index = self._painting.swatch_index(swatch)
         if self._painting.swatches[index].swatch is PLAIN:

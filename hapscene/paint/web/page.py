@@ -287,7 +287,7 @@ class Page:
             "undo": lambda _: self._step_back("undo", client),
             "redo": lambda _: self._step_back("redo", client),
             "tool": lambda m: tools.choose_tool(m["name"]) if m.get("name") in TOOLS else None,
-            "dismiss": lambda _: client.dismiss() or self.context.dismiss(),
+            "dismiss": lambda _: self.context.dismiss(),
             "theme": lambda m: client.gui.configure_theme(dark_mode=m.get("dark") is True, **THEME),
             "view": lambda m: self._look(m, client),
             "layers": lambda _: self._next_layers(client),
@@ -383,7 +383,7 @@ class Page:
             marks = ToolMarks(client.scene, common.view, common.session.painting)
             tools = self._parted.pop() if self._parted else Tools(common.session, common.view, common.touch)
             tools.attach(marks, lambda text: self._socket.say(text, "", name))
-            own = ClientContext(**vars(common) | {"questions": []}, client=client, tools=tools)
+            own = ClientContext(**vars(common), client=client, tools=tools)
             panels = ToolPanel(own, self._paint), SwatchPanel(own, self._paint), ParameterPanel(own, self._haptics)
             self.clients[name] = ClientPanels(own, *panels)
             client.gui.add_html(f'<span id="hs-client" data-id="{name}" hidden></span>')

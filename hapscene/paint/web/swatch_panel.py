@@ -12,7 +12,7 @@ from typing import Final
 
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
-from hapscene.paint.web.context import ClientContext, Container, Control, aria, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, Container, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.material import read_picture
 from hapscene.surface.look import Look, picture_png
@@ -37,9 +37,6 @@ LOOK: Final = ".look"
 
 Key = tuple[str, str, int, str | None]
 """What a preview depends on; the last item is the colour."""
-
-DELETE: Final = "Delete"
-CONFIRM_DELETE: Final = "Delete permanently? Scenes that use it will lack it"
 
 IMPORT: Final = (
     f'<div class="hs-library-bar"><button type="button" data-upload="{SUFFIX}" title="Add swatch files to your '
@@ -172,21 +169,13 @@ class SwatchPanel:
         except SwatchError as error:
             lines = [escape_html(str(error))]
         name, tags = escape_html(card.name), "".join(f" · {escape_html(tag)}" for tag in card.entry.tags)
-        acts = [
-            ("play", "▶ Play", "Play the sound of a tap and a stroke"),
-            *([("edit", "Edit…", "Change name, tags and folder, or delete the swatch")] if card.own else []),
-        ]
-        buttons = "".join(
-            f'<button type="button" data-library="{act}" data-name="{name}" aria-label="{word.strip("▶ ")} {name}" '
-            f'title="{tip}">{word}</button>'
-            for act, word, tip in acts
-        )
-        buttons += (
+        buttons = (
+            f'<button type="button" data-library="play" data-name="{name}" aria-label="Play {name}" '
+            'title="Play the sound of a tap and a stroke">▶ Play</button>'
             f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="Set a picture of the surface, '
             f'{1e3 * Look.size_m:g} mm wide. You can also drop one here">Picture…</button>'
         )
-        place = f"your library: {card.folder}" if card.place == "yours" and card.folder else PLACES[card.place]
-        where = escape_html(" · ".join(filter(None, (place, touched_with(card.entry))))) + tags
+        where = escape_html(" · ".join(filter(None, (PLACES[card.place], touched_with(card.entry))))) + tags
         return (
             f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
             f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{buttons}</div></div>"
@@ -219,8 +208,6 @@ class SwatchPanel:
             self._use(self._card(message.get("name")))
         elif what == "play":
             await self._play(self._card(message.get("name")))
-        elif what == "edit":
-            self._edit(self._card(message.get("name")))
 
     def _use(self, card: Card) -> None:
         tools = self._context.tools
@@ -234,46 +221,6 @@ class SwatchPanel:
         self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain, self._context.client.client_id)
         silent = f"{card.name} makes no sound: it has neither a texture nor taps."
         self._context.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
-
-    def _edit(self, card: Card) -> None:
-        """Open a dialog to rename, tag, move or delete a swatch of the user's library."""
-        if card.own is None:
-            raise SwatchError(f"{card.name!r} is not in your library: use Save as new in the tab Haptics first")
-        gui, callback = self._context.gui, self._context.callback
-        modal = self._context.open_dialog(f"Edit {card.name}")
-
-        def save(target: object) -> None:
-            new = str(name.value).strip()
-            tagged = str(tags.value).split(",")
-            library.edit(card.name, new_name=new, tags=tagged, inside=str(folder.value).strip())
-            self._let_go(card, new)
-            self._context.close_dialog(modal)
-
-        def delete(target: Control) -> None:
-            if target.label == DELETE:
-                target.label = CONFIRM_DELETE
-                return
-            library.remove(card.name)
-            self._let_go(card, card.name)
-            self._context.say(f"Deleted {card.name!r} from your library.")
-            self._context.close_dialog(modal)
-
-        with modal:
-            name = gui.add_text("Name", card.name)
-            tags = gui.add_text("Tags", ", ".join(card.entry.tags), hint="Words to search for, separated by commas")
-            folder = gui.add_text("Folder", card.folder, hint="Folder in your library; empty for the top folder")
-            gui.add_button("Save").on_click(callback(save))
-            gui.add_button(DELETE, color="red").on_click(callback(delete))
-            gui.add_button("Cancel", color="gray").on_click(callback(lambda target: self._context.close_dialog(modal)))
-
-    def _let_go(self, card: Card, name: str) -> None:
-        """Store the swatch with the scene, because its library file was moved or deleted."""
-        self._context.session.tuning.detach_from_library(card.name)
-        if self._context.tools.chosen == card.name and card.index is None:
-            self._cards = self._all()
-            there = next((c for c in self._cards if c.name == name), self._cards[-1])
-            self._context.tools.choose_swatch(there.name, there.source)
-        self.show(True)
 
     # --- import ---
 

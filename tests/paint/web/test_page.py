@@ -29,11 +29,10 @@ from hapscene.paint.model.session import Session
 from hapscene.paint.web.hand import HandConfig
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.socket import UPLOAD_PATH
-from hapscene.paint.web.swatch_panel import CONFIRM_DELETE
 from hapscene.scene.scene import load_scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
-from hapscene.swatches.library import add, own_entries
+from hapscene.swatches.library import own_entries
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -183,40 +182,6 @@ def card_names(tab: Tab) -> list[str]:
     """Return the names on the cards in display order."""
     content = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
     return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', content)]
-
-
-def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page, tab: Tab, library: Path) -> None:
-    add(Swatch("sponge", 99.0, albedo_rgb=(0.9, 0.8, 0.1)))
-    page.server.get_event_loop().call_soon_threadsafe(page.clients[tab.client].swatches.show, True)
-    tab.choose("sponge")
-    stroke(tab)
-    tab.settle()
-    tab.send("save")
-    tab.wait(lambda: not tab.state["dirty"])
-    tab.send("library", act="edit", name="sponge")
-    tab.control("Cancel")  # the dialog is complete
-    for label, value in (("Name", "old sponge"), ("Tags", "wet, kitchen"), ("Folder", "kitchen")):
-        tab.set(label, value)
-    tab.set("Save", True)  # `set` uses the newest control: the one of the dialog
-    tab.wait(lambda: "old sponge" in card_names(tab))
-    (entry,) = own_entries(library / "kitchen")
-    assert (entry.name, entry.tags) == ("old sponge", ("wet", "kitchen")) and not own_entries()
-    assert tab.tools.chosen == "sponge"  # the swatch of the scene is unchanged and is stored in the scene
-    assert page.context.session.dirty
-    page.context.session.save()
-    assert {s.name for s in load_scene(page.context.session.path).swatches} >= {"sponge"}
-    tab.send("library", act="edit", name="wood")
-    tab.wait(lambda: any("not in your library" in said for said in tab.said))
-    tab.send("library", act="edit", name="old sponge")
-    tab.control("Delete")
-    tab.send("dismiss")  # Escape
-    tab.wait(lambda: not any(c["props"].get("label") == "Delete" for c in list(tab.controls.values())))
-    tab.send("library", act="edit", name="old sponge")
-    tab.set("Delete", True)
-    tab.wait(lambda: any(CONFIRM_DELETE in c["props"].get("label", "") for c in list(tab.controls.values())))
-    assert own_entries(library / "kitchen")
-    tab.set(CONFIRM_DELETE, True)
-    tab.wait(lambda: not own_entries(library / "kitchen") and "old sponge" not in card_names(tab))
 
 
 def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: Path, tmp_path: Path) -> None:
