@@ -188,7 +188,7 @@ def test_locked_and_hidden_bodies_cannot_be_changed(session: Session) -> None:
     assert hit is not None and hit.body == 0
     composing.hide("ball")
     assert painting.hidden == {"ball"} and session.pick(eye, (0.0, 0.0, -1.0)) is None
-    assert session.fill_swatch("ball", 1, 0) == 0 < session.fill_swatch("plate", 1, 0)
+    assert session.fill_body("ball", 0) == 0 < session.fill_body("plate", 0)
     composing.hide("ball", False)
     assert not painting.hidden and session.pick(eye, (0.0, 0.0, -1.0)) is not None
 

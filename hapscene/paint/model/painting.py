@@ -25,7 +25,7 @@ from hapscene.paint.model.history import (
 from hapscene.paint.model.mesh import Hit, PaintableMesh, pick
 from hapscene.paint.model.visibility import Visibility
 from hapscene.scene.body import Body
-from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, set_subfaces
+from hapscene.scene.fine_paint import paint_faces, paint_region
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Region
 from hapscene.scene.scene import Scene
@@ -327,33 +327,6 @@ class Painting:
                 del step.before[body]
                 step.changes -= 1
             return len(faces)
-
-    def replace_swatch(self, body: int, old: int) -> int:
-        """Replace a swatch on a body, in faces, subfaces and blends, in the open step; returns the faces reached.
-
-        Raises:
-            SceneError: no step is open.
-        """
-        with self.lock:
-            step = self._open_step()
-            painted = self.scene.bodies[body]
-            if self.is_protected(painted):
-                return 0
-            subfaces = painted.fine or NOTHING
-            undivided = painted.face_swatch == old
-            undivided[subfaces.faces] = False
-            count = self.paint_faces(body, np.flatnonzero(undivided))
-            heavier, lighter, weight = parts(subfaces.paint)
-            uses = (heavier == old) | ((lighter == old) & (weight > 0))
-            if uses.any():
-                self._keep_before(step, body)
-                new, found = self.swatch_index(step.swatch, body), subfaces.of_faces(np.unique(subfaces.face[uses]))
-                heavier, lighter, weight = parts(found.paint)
-                paint = blend(np.where(heavier == old, new, heavier), np.where(lighter == old, new, lighter), weight)
-                set_subfaces(painted, replace(found, paint=paint))
-                self._note_faces(body, found.faces)
-                count += len(found.faces)
-            return count
 
     def _open_step(self) -> _OpenStep:
         if self._open is None:

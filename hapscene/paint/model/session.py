@@ -29,7 +29,7 @@ from hapscene.surface.swatch import Swatch, SwatchLike
 
 __all__ = ["ERASE", "Hit", "Session"]
 
-FILLS: Final = ("facet", "whole body", "material", "same swatch")
+FILLS: Final = ("facet", "whole body", "material")
 """What the fill tool fills from a point."""
 
 FACET_RAD: Final = math.radians(10.0)
@@ -174,8 +174,6 @@ class Session:
         """
         if what == "whole body":
             return self.fill_body(hit.body, swatch)
-        if what == "same swatch":
-            return self.fill_swatch(hit.body, self.swatch_at(hit), swatch)
         shape, degrees = self.shapes[hit.body], math.degrees(angle_rad)
         if what == "material":
             group = shape.mesh.group[hit.face]
@@ -191,14 +189,6 @@ class Session:
         index = self.body_index(body)
         every = np.ones(len(self.shapes[index].normal), np.bool_)
         return self.painting.paint(f"{_verb(swatch)} whole body", {index: every}, swatch)
-
-    def fill_swatch(self, body: int | str, old: int | str, swatch: int | str) -> int:
-        """Replace one swatch by another on a body."""
-        index = self.painting.swatch_index(old)
-        with self.lock:
-            self.painting.begin_step(f"{_verb(swatch)} same swatch", swatch)
-            self.painting.replace_swatch(self.body_index(body), index)
-            return self.painting.end_step()
 
     def fill_sphere(self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, **more: Any) -> int:
         """Paint the inside of a sphere; returns the number of faces reached.

@@ -14,7 +14,7 @@ __all__ = ["ToolPanel"]
 
 TOOL_HINTS: Final = {
     "brush": "Drag to paint with the selected swatch.",
-    "fill": "Click to fill a facet, a body, a material or a swatch.",
+    "fill": "Click to fill a facet, a body or a material.",
     "box": "Drag between opposite corners to paint inside a box.",
     "sphere": "Drag outward from the centre to paint inside a sphere.",
     "eraser": "Drag to restore the default swatch.",
