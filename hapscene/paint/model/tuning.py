@@ -9,14 +9,13 @@ from typing import Any, Final
 
 from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike, Limits, device_of, limits_of
-from hapscene.errors import EffectError, SceneError, SwatchError, no_such
+from hapscene.errors import EffectError, SceneError, no_such
 from hapscene.paint.model.history import SwatchDelta, SwatchState
 from hapscene.paint.model.painting import Painting
 from hapscene.surface.device_clipping import WALL, ClippedSwatches
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch, SwatchLike
 from hapscene.swatches.library import add, library_folder
-from hapscene.swatches.picture import plain_look
 from hapscene.view.palette import distinct_colours, rgb
 
 __all__ = ["Parameter", "SwatchTuning", "parameters_of", "tuned"]
@@ -281,24 +280,6 @@ class SwatchTuning:
             index = self._tunable(swatch)
             old = self._painting.swatches[index].swatch
             return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
-
-    def set_picture(self, swatch: int | str, albedo_png: bytes) -> Swatch:
-        """Set the picture of a swatch from the content of a PNG file, and its colour to the mean of the picture.
-
-        Raises:
-            SwatchError: the picture is invalid.
-            SceneError: the swatch is plain, which cannot be changed.
-        """
-        with self._painting.lock:
-            index = self._tunable(swatch)
-            old = self._painting.swatches[index].swatch
-            look = replace(old.look or plain_look(old), albedo_png=albedo_png)
-            pixels = look.albedo()
-            if pixels is None:
-                raise SwatchError(f"swatch {old.name!r}: the picture is damaged: expected a PNG file")
-            red, green, blue = (float(c) for c in pixels.mean(axis=(0, 1)))
-            new = replace(old, look=look, albedo_rgb=(red, green, blue))
-            return self._alter(index, new, f"picture of {old.name!r}", ("picture", index))
 
     def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
         """Replace a swatch; see `Painting.change` about the key."""

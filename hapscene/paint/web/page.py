@@ -34,7 +34,7 @@ from hapscene.paint.web.socket import (
     number,
     pointer_of,
 )
-from hapscene.paint.web.swatch_panel import LOOK, SwatchPanel
+from hapscene.paint.web.swatch_panel import SwatchPanel
 from hapscene.paint.web.tool_panel import ToolPanel
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.view import VIEWS, SceneView, ToolMarks
@@ -124,7 +124,7 @@ class Page:
         self._socket = PageSocket(self._act, self._state)
         uploads = Uploads(self._socket.say)
         uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
+        uploads.take((SWATCH_SUFFIX,), self._take_swatches)
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
@@ -239,10 +239,9 @@ class Page:
             panels.context.tools.finish()
 
     async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
-        """Handle uploaded swatches or a picture, unless the page that sent them was closed."""
+        """Handle uploaded swatches, unless the page that sent them was closed."""
         if client in self.clients:
-            swatches = self.clients[client].swatches
-            await (swatches.take_picture if files[0].suffix.lower() == LOOK else swatches.take)(files)
+            await self.clients[client].swatches.take(files)
 
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""

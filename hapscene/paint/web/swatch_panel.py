@@ -14,8 +14,6 @@ from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
 from hapscene.paint.web.context import ClientContext, Container, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
-from hapscene.scene.material import read_picture
-from hapscene.surface.look import Look, picture_png
 from hapscene.surface.swatch import Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX, read_swatch
 from hapscene.swatches import library
@@ -24,16 +22,13 @@ from hapscene.swatches.sound import swatch_sound
 from hapscene.swatches.words import Phrase
 from hapscene.view.palette import rgb
 
-__all__ = ["LOOK", "SwatchPanel"]
+__all__ = ["SwatchPanel"]
 
 CARD_MAX: Final = 60
 """Largest number of swatches shown at once [count]; the search finds the others."""
 
 BALLS_AT_ONCE: Final = 9
 """Number of preview spheres that are rendered before the list is updated [count]: one screen."""
-
-LOOK: Final = ".look"
-"""Suffix that the page adds to an uploaded picture for the selected swatch."""
 
 Key = tuple[str, str, int, str | None]
 """What a preview depends on; the last item is the colour."""
@@ -169,16 +164,14 @@ class SwatchPanel:
         except SwatchError as error:
             lines = [escape_html(str(error))]
         name, tags = escape_html(card.name), "".join(f" · {escape_html(tag)}" for tag in card.entry.tags)
-        buttons = (
+        button = (
             f'<button type="button" data-library="play" data-name="{name}" aria-label="Play {name}" '
             'title="Play the sound of a tap and a stroke">▶ Play</button>'
-            f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="Set a picture of the surface, '
-            f'{1e3 * Look.size_m:g} mm wide. You can also drop one here">Picture…</button>'
         )
         where = escape_html(" · ".join(filter(None, (PLACES[card.place], touched_with(card.entry))))) + tags
         return (
-            f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
-            f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{buttons}</div></div>"
+            f'<div class="hs-swatch chosen"><div><b>{name}</b> <span class="dim">{where} · '
+            f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{button}</div></div>"
         )
 
     def _colour(self, card: Card) -> str:
@@ -238,19 +231,6 @@ class SwatchPanel:
         self.show(True)
         self._use(self._card(names[0]))
         self._context.say(f"Added to your library: {', '.join(names)}.")
-        self._context.refresh()
-
-    async def take_picture(self, files: Sequence[Path]) -> None:
-        """Set the picture of the selected swatch.
-
-        Raises:
-            HapsceneError: the picture cannot be read, or the swatch is plain.
-        """
-        file = files[0].rename(files[0].with_suffix(""))
-        made = await asyncio.to_thread(lambda: picture_png(read_picture(file)))
-        tools = self._context.tools
-        self._context.session.tuning.set_picture(tools.ensure_swatch(), made)
-        self._context.say(f"Set the picture of {tools.chosen} to {file.name}.")
         self._context.refresh()
 
 

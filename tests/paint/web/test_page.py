@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import html
-import io
 import json
 import random
 import re
@@ -18,7 +17,6 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -203,27 +201,6 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
         drop(tab, files)
         tab.wait(lambda pattern=pattern: any(re.search(pattern, said) for said in list(tab.said)))
     assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
-
-
-def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page: Page, tab: Tab) -> None:
-    tab.choose("wood")
-    stroke(tab)
-    tab.settle()
-    before = page.context.session.scene.swatches[-1]
-    rng = np.random.default_rng(0)
-    noisy, file = rng.integers(0, 100, (600, 400, 3), np.uint8) + np.uint8([155, 0, 0]), io.BytesIO()
-    Image.fromarray(noisy).save(file, "PNG")
-    drop(tab, {"red grain.png.look": file.getvalue()})
-    tab.wait(lambda: any("wood to red grain.png" in said for said in tab.said))
-    swatch = page.context.session.scene.swatches[-1]
-    assert swatch.look is not None and swatch.look.albedo() is not None
-    np.testing.assert_allclose(swatch.albedo_rgb, np.array([204.5, 49.5, 49.5]) / 255, atol=0.01)
-    page.context.session.save()
-    assert load_scene(page.context.session.path).swatches[-1].look == swatch.look
-    drop(tab, {"none.png.look": b"no"})
-    tab.wait(lambda: any("none.png" in said and "red grain" not in said for said in tab.said))
-    tab.send("undo")
-    tab.wait(lambda: page.context.session.scene.swatches[-1] == before)
 
 
 def drop(tab: Tab, files: Mapping[str, bytes | int]) -> None:
