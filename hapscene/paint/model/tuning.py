@@ -264,30 +264,13 @@ class SwatchTuning:
         """
         with self._painting.lock:
             index = self._tunable(swatch)
-            old = self._painting.swatches[index].swatch
-            new = tuned(old, numbers, self._effect_list())
-            what = f"{', '.join(SHOWN.get(name, (name,))[0] for name in numbers)} of {old.name!r}"
-            return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
-
-    def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
-        """Change the colour of a swatch; returns the new swatch. Changes within a second are joined into one step.
-
-        Raises:
-            SwatchError: the colour is not three numbers from 0 to 1.
-            SceneError: the swatch is plain, which cannot be changed.
-        """
-        with self._painting.lock:
-            index = self._tunable(swatch)
-            old = self._painting.swatches[index].swatch
-            return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
-
-    def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
-        """Replace a swatch; see `Painting.change` about the key."""
-        old = self._painting.swatches[index]
-        if swatch != old.swatch:
-            new = SwatchState(swatch, None, old.original or old)
-            self._painting.change(what, [SwatchDelta(index, old, new)], key=key)
-        return swatch
+            old = self._painting.swatches[index]
+            new = tuned(old.swatch, numbers, self._effect_list())
+            if new != old.swatch:
+                what = f"{', '.join(SHOWN.get(name, (name,))[0] for name in numbers)} of {new.name!r}"
+                delta = SwatchDelta(index, old, SwatchState(new, None, old.original or old))
+                self._painting.change(what, [delta], key=("tune", index, *sorted(numbers)))
+            return new
 
     def reset(self, swatch: int | str) -> bool:
         """Restore the original parameters and colour of a swatch; returns whether it had been changed."""

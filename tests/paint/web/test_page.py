@@ -293,8 +293,6 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
             return True
         if isinstance(known, str):
             return dice.choice([*(props.get("options") or texts), "no such"])
-        if isinstance(known, list | tuple):  # a colour
-            return [dice.randrange(256) for _ in known]
         return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0))
 
     for i in range(count):
