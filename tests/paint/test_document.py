@@ -33,7 +33,7 @@ def test_saving_is_safe_and_ends_what_is_to_be_saved(session) -> None:
     assert (hapscene.load_scene(session.path).body("plate").face_swatch == 0).all()
 
 
-def test_undone_or_reset_after_saving_the_numbers_that_are_shown_are_saved(session) -> None:
+def test_undone_after_saving_the_numbers_that_are_shown_are_saved(session) -> None:
     paper = session.painting.swatch_named("paper")
 
     def saved() -> tuple[float, float]:
@@ -50,8 +50,6 @@ def test_undone_or_reset_after_saving_the_numbers_that_are_shown_are_saved(sessi
     assert saved() == (300.0, 300.0)
     session.redo()
     assert saved() == (100.0, 100.0)
-    assert session.tuning.reset(paper)
-    assert saved() == (300.0, 300.0)
     assert len(list(session.path.parent.glob("cup.paper.*.swatch"))) == 1
 
 

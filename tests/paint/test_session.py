@@ -28,10 +28,7 @@ def bits(session: Session) -> Any:
     faces = tuple(body.face_swatch.tobytes() for body in scene.bodies)
     leaves = tuple(b"".join(c.tobytes() for c in (body.fine or NOTHING).columns) for body in scene.bodies)
     swatches = tuple((swatch_to_json(s), source) for s, source in zip(scene.swatches, scene.swatch_source, strict=True))
-    originals = tuple(
-        None if e.original is None else swatch_to_json(e.original.swatch) for e in session.painting.swatches
-    )
-    return faces, leaves, swatches, originals
+    return faces, leaves, swatches
 
 
 def do(session: Session, kind: int, rng: np.random.Generator) -> None:
@@ -66,23 +63,21 @@ def do(session: Session, kind: int, rng: np.random.Generator) -> None:
             rng.integers(4)
         ]
         session.tune(max(swatch, 1), **{name: float(rng.uniform(0, high))})
-    elif kind == 8:
-        session.tuning.reset(max(swatch, 1))
-    elif kind == 9 and swatch > 0:
+    elif kind == 8 and swatch > 0:
         name = f"new {rng.integers(1000)}"
         if session.painting.swatch_named(name) is None and find(name) is None:
             session.tuning.save_swatch_as(swatch, name)
-    elif kind == 10:
+    elif kind == 9:
         if session.painting.swatch_named(f"copy {count}") is None:
             session.tuning.copy_swatch(max(swatch, 0), f"copy {count}")
-    elif kind == 11:
+    elif kind == 10:
         session.undo()
-    elif kind == 12:
+    elif kind == 11:
         session.redo()
 
 
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.integers(0, 12), min_size=1, max_size=14), st.integers(0, 2**32 - 1))
+@given(st.lists(st.integers(0, 11), min_size=1, max_size=14), st.integers(0, 2**32 - 1))
 def test_random_edits_are_undone_and_redone_exactly(tmp_path, kinds, seed) -> None:
     session = Session(make_scene(tmp_path))
     rng = np.random.default_rng(seed)
@@ -239,16 +234,12 @@ def test_slider_movement_is_one_undo_step(scene) -> None:
     assert session.painting.undo_text is not None and session.painting.redo_text is None
 
 
-def test_tuned_then_reset_then_saved_as_new(scene, tmp_path, library) -> None:
+def test_tuned_then_saved_as_new(scene, tmp_path, library) -> None:
     session = Session(scene)
     paper = session.painting.swatch_named("paper")
     assert paper is not None
-    original = scene.swatches[paper]
     session.tune(paper, stiffness_N_m=120.0)
     session.tune(paper, texture_gain=2.0)
-    assert {p.name: p.reset for p in session.tuning.parameters(paper)}["stiffness_N_m"] == original.stiffness_N_m
-    assert session.tuning.reset(paper) and scene.swatches[paper] is original and not session.tuning.reset(paper)
-    session.undo()
     file = session.tuning.save_swatch_as(paper, "soft paper")
     assert file.parent == library
     assert hapscene.load_swatch("soft paper").stiffness_N_m == 120.0
@@ -288,7 +279,6 @@ def test_new_swatch_is_a_copy(scene) -> None:
     foam = session.tuning.copy_swatch(0, "foam")
     session.tune(foam, stiffness_N_m=80.0)
     assert (scene.swatches[foam].name, scene.swatches[0].stiffness_N_m) == ("foam", 500.0)
-    assert session.tuning.reset(foam) and scene.swatches[foam].stiffness_N_m == 500.0
     assert not any(parameter.applies for parameter in session.tuning.parameters(0))
 
 

@@ -90,7 +90,7 @@ class Painting:
         shapes: prepared meshes of the bodies, in their order; bodies with the same mesh share one.
         defaults: swatch of each body that the eraser restores: `Body.made_of`, or the swatch of all its faces at the
             start, or plain.
-        swatches: state of the scene's swatches, with the original that `reset` restores.
+        swatches: the scene's swatches and where they were loaded from.
         history: steps that can be undone and redone.
         hidden, locked: names of hidden and of locked bodies, which are not painted. Not saved with the scene.
         lock: held during each change; hold it to read several values consistently.
@@ -436,7 +436,7 @@ class Painting:
             changes = [SwatchDelta(i, self.swatches[i], None) for i in reversed(range(len(wanted), known))]
             for i, new in enumerate(wanted):
                 old = self.swatches[i] if i < known else None
-                if old is None or (old.swatch, old.source) != (new.swatch, new.source):
+                if old != new:
                     changes.append(SwatchDelta(i, old, new))
             bodies: list[BodyDelta] = []
             found: list[FaceDelta | None] = []

@@ -138,7 +138,7 @@ class ParameterPanel:
                     max=max(math.floor(p.maximum / step + 1e-9) * step, _rounded(p.value)),
                     step=step,
                     initial_value=_rounded(p.value),
-                    hint=f"{_capital(p.meaning)}. Default: {p.reset:.4g}",
+                    hint=f"{_capital(p.meaning)}",
                 )
                 slider.precision = FIGURES  # by default, the field would round to the step
                 slider.on_update(callback(partial(self._tune, p)))
@@ -164,10 +164,6 @@ class ParameterPanel:
             ratio = swatch.friction_static / swatch.friction_dynamic if swatch.friction_dynamic > 0.0 else 1.0
             numbers["friction_static"] = max(ratio, 1.0) * value
         self._context.session.tune(tools.ensure_swatch(), **numbers)
-
-    def _reset(self, target: Control) -> None:
-        if not self._context.session.tuning.reset(self._context.tools.ensure_swatch()):
-            self._context.say("The parameters already have their original values.")
 
     def _copy(self, target: Control) -> None:
         session, name = self._context.session, self._new_name()
@@ -205,7 +201,6 @@ def _rounded(value: float) -> float:
 BUTTONS: Final = (
     ("Copy", "Add a copy of the swatch to the scene; painted faces keep the present swatch", ParameterPanel._copy),
     ("Save as new", "Save the swatch to your library under the new name", ParameterPanel._save),
-    ("Reset", "Restore the original parameters", ParameterPanel._reset),
 )
 
 
