@@ -42,7 +42,7 @@ class Changes:
         swatches: indices of swatches that are new or whose parameters, name or colour changed.
         swatch_list: whether swatches of the scene were added, removed or renamed.
         bodies: whether bodies were added, deleted or renamed, or have another mesh; `faces` is empty then.
-        poses: whether bodies were moved, attached, hidden or locked.
+        poses: whether bodies were moved, attached or hidden.
     """
 
     faces: dict[int, NDArray[np.int64]]
@@ -92,7 +92,7 @@ class Painting:
             start, or plain.
         swatches: the scene's swatches and where they were loaded from.
         history: steps that can be undone and redone.
-        hidden, locked: names of hidden and of locked bodies, which are not painted. Not saved with the scene.
+        hidden: names of hidden bodies, which are not painted. Not saved with the scene.
         lock: held during each change; hold it to read several values consistently.
         clock: returns the time by which successive changes are joined into one step [s].
 
@@ -107,7 +107,6 @@ class Painting:
         self._made: dict[int, PaintableMesh] = {}
         self.shapes = [self.shape_of(body.mesh) for body in scene.bodies]
         self.hidden: set[str] = set()
-        self.locked: set[str] = set()
         for body in scene.bodies:
             set_default_swatch(body)
         self.defaults = [body.made_of or 0 for body in scene.bodies]
@@ -137,7 +136,7 @@ class Painting:
             return found
 
     def note_poses(self) -> None:
-        """Record that bodies were moved, attached, hidden or locked."""
+        """Record that bodies were moved, attached or hidden."""
         self._poses_changed = True
 
     def _note_faces(self, body: int, faces: NDArray[np.integer]) -> None:
@@ -150,10 +149,6 @@ class Painting:
         self._painted_bodies: set[int] = set()
 
     # --- queries ---
-
-    def is_protected(self, body: Body) -> bool:
-        """Whether a body cannot be painted because it is locked or hidden."""
-        return body.name in self.locked or body.name in self.hidden
 
     def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, visible_only: bool = False) -> Hit | None:
         """The nearest point on the surface along a ray; None without a hit. Hidden bodies are ignored.
@@ -272,7 +267,7 @@ class Painting:
         with self.lock:
             step = self._open_step()
             painted = self.scene.bodies[body]
-            if self.is_protected(painted):
+            if painted.name in self.hidden:
                 return 0
             swatch = self.swatch_index(step.swatch, body)
             differs = painted.face_swatch[faces] != swatch
@@ -311,7 +306,7 @@ class Painting:
         with self.lock:
             step = self._open_step()
             painted = self.scene.bodies[body]
-            if self.is_protected(painted):
+            if painted.name in self.hidden:
                 return 0
             before = self._keep_before(step, body)
             swatch = self.swatch_index(step.swatch, body)
@@ -480,10 +475,9 @@ class Painting:
             self.shapes[span] = [self.shape_of(body.mesh) for body in bodies]
             self.defaults[span] = [body.made_of or 0 for body in bodies]
             replaced |= old is None or new is None or old.mesh is not new.mesh or old.name != new.name
-            for names in (self.hidden, self.locked):
-                if old is not None and old.name in names:
-                    names.remove(old.name)
-                    names |= {body.name for body in bodies}
+            if old is not None and old.name in self.hidden:
+                self.hidden.remove(old.name)
+                self.hidden |= {body.name for body in bodies}
         if changes:
             drop_unused_meshes(self._made, self.scene.bodies)
             self.scene.pose_count += 1

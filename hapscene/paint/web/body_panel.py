@@ -64,7 +64,6 @@ class BodyPanel:
         self._acts: Mapping[str, Callable[[str, str], object]] = {
             "choose": self._choose,
             "hide": lambda name, _: self._composing.hide(name, name not in context.session.painting.hidden),
-            "lock": lambda name, _: self._composing.lock(name, name not in context.session.painting.locked),
             "copy": lambda name, _: self._select(self._composing.copy(name)),
             "delete": lambda name, _: self._composing.delete(name),
             "handles": self._toggle_handles,
@@ -99,9 +98,8 @@ class BodyPanel:
             self.chosen = None
         set_html(self._tree, self._tree_html())
         set_html(self._fields, "" if self.chosen is None else self._fields_html(bodies[self.chosen]))
-        locked = self.chosen in self._context.session.painting.locked
         if not self.dragging:
-            body = None if self.chosen is None or locked or not self._handles else bodies[self.chosen]
+            body = None if self.chosen is None or not self._handles else bodies[self.chosen]
             self._context.view.show_handles(None if body is None else body.X_WB @ _middle(body), self._drag)
 
     # --- actions ---
@@ -280,25 +278,13 @@ class BodyPanel:
         painting, tree = self._context.session.painting, self._composing.tree()
         rows = []
         for body, depth in tree[:ROW_MAX]:
-            name, hidden, locked = escape_html(body.name), body.name in painting.hidden, body.name in painting.locked
+            name, hidden = escape_html(body.name), body.name in painting.hidden
             row = _button("choose", name, name, body.name == self.chosen, f"{len(body.mesh.faces):,} faces")
-            marks = _button(
-                "hide",
-                "Show" if hidden else "Hide",
-                name,
-                hidden,
-                "Hidden bodies are neither drawn nor painted",
-            )
-            marks += _button(
-                "lock",
-                "Unlock" if locked else "Lock",
-                name,
-                locked,
-                "Locked bodies are neither painted nor moved",
-            )
+            hint = "Hidden bodies are neither drawn nor painted"
+            row += _button("hide", "Show" if hidden else "Hide", name, hidden, hint)
             rows.append(
                 f'<div role="treeitem" aria-level="{depth + 1}" aria-selected="{aria(body.name == self.chosen)}" '
-                f'style="--depth:{depth}"{" class=off" * hidden}>{row}{marks}</div>'
+                f'style="--depth:{depth}"{" class=off" * hidden}>{row}</div>'
             )
         if len(tree) > ROW_MAX:
             rows.append(f"<div>… and {len(tree) - ROW_MAX:,} more</div>")
@@ -307,7 +293,7 @@ class BodyPanel:
             f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
             f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, STEP …">Add meshes…</button>'
             '</p><p class="dim">You can also drop mesh files onto the page. They are copied to the folder of the scene.'
-            '</p><p class="dim">Hiding and locking are not saved with the scene and cannot be undone.</p></div>'
+            '</p><p class="dim">Hiding is not saved with the scene and cannot be undone.</p></div>'
         )
 
     def _fields_html(self, body: Body) -> str:

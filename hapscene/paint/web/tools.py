@@ -289,9 +289,6 @@ class Tools:
 
     def _why_nothing(self) -> str:
         """Message for a stroke that has changed nothing."""
-        name = None if self._last is None else self._session.scene.bodies[self._last.body].name
-        if name in self._session.painting.locked:
-            return f"{name} is locked. Unlock it in the tab Bodies."
         if self.name == "eraser":
             return "There is nothing to erase here."
         return f"The surface here is {self.chosen} already. Select another swatch."
