@@ -1,4 +1,4 @@
-"""Regions that tools paint: an oriented box, and the region behind an outline on the screen."""
+"""The region behind an outline on the screen, which the lasso paints."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,25 +9,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.scene.region import Region
 
-__all__ = ["OrientedBox", "Outline"]
-
-
-@dataclass(frozen=True, eq=False)
-class OrientedBox(Region):
-    """A box in any orientation.
-
-    Attributes:
-        X_BK: (4, 4) pose: centre and axes.
-        size_m: (3,) edge lengths [m].
-    """
-
-    X_BK: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-
-    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (n,) of points (n, 3) from the surface [m], negative inside."""
-        past = np.abs((points_m - self.X_BK[:3, 3]) @ self.X_BK[:3, :3]) - self.size_m / 2
-        return np.asarray(np.linalg.norm(np.maximum(past, 0.0), axis=1) + np.minimum(past.max(axis=1), 0.0))
+__all__ = ["Outline"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.device.model import DeviceLike
 from hapscene.errors import SceneError, no_such
-from hapscene.geometry import rigid
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.document import Document, file_hash
 from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.painting import ERASE, Painting
-from hapscene.paint.model.regions import OrientedBox
 from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.model.tuning import SwatchTuning
 from hapscene.scene.fine_paint import parts
@@ -210,23 +208,6 @@ class Session:
         return self.fill_region(
             "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, **more
         )
-
-    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, **more: Any) -> int:
-        """Paint the inside of a box; returns the number of faces reached.
-
-        Args:
-            X_WK: (4, 4) pose of the box: its centre and axes.
-            size_m: (3,) edge lengths [m].
-            swatch: swatch to paint with.
-            more: see `fill_region`.
-
-        Raises:
-            SceneError: the pose is not rigid, or an edge length is invalid.
-        """
-        pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
-        if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
-            raise SceneError(f"invalid box size {size_m!r}: expected three edge lengths above 0 m")
-        return self.fill_region("box", lambda X_BW: OrientedBox(X_BW @ pose, size), swatch, **more)
 
     def fill_region(
         self,

@@ -205,7 +205,7 @@ class SwatchPanel:
     def _use(self, card: Card) -> None:
         tools = self._context.tools
         tools.choose_swatch(card.name, card.source)  # added to the scene by the first stroke, as part of its step
-        if tools.name not in ("brush", "fill", "box", "sphere"):
+        if tools.name not in ("brush", "fill", "sphere"):
             tools.choose_tool("brush")
 
     async def _play(self, card: Card) -> None:

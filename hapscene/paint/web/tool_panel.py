@@ -15,7 +15,6 @@ __all__ = ["ToolPanel"]
 TOOL_HINTS: Final = {
     "brush": "Drag to paint with the selected swatch.",
     "fill": "Click to fill a facet, a body or a material.",
-    "box": "Drag between opposite corners to paint inside a box.",
     "sphere": "Drag outward from the centre to paint inside a sphere.",
     "eraser": "Drag to restore the default swatch.",
     "pick": "Click to select the swatch under the pointer.",
@@ -43,8 +42,6 @@ class ToolPanel:
             self._fill = gui.add_dropdown("Fill", FILLS, initial_value=tools.fill, hint="Area that a click fills")
             hint = "Largest angle between adjacent faces of a facet"
             self._angle = self._slider("Angle [°]", (0, 180, 1), "angle_rad", 180 / math.pi, hint)
-            hint = "Margin of the box around the two points that span it"
-            self._margin = self._slider("Depth [mm]", (step, high, step), "margin_m", 1e3, hint)
             hint = "Width of the soft border inside the brush, relative to its radius"
             self._falloff = self._slider("Falloff [%]", (0, 100, 5), "falloff", 100, hint)
             hint = "Weight of the swatch over the present painting; blended swatches are rendered by weight"
@@ -71,8 +68,7 @@ class ToolPanel:
     def _show_sizes(self) -> None:
         """Update the ranges of sizes after bodies have changed."""
         low, high, _ = self._sizes()
-        for slider in (self._size, self._margin):
-            slider.value, slider.max = min(slider.value, high), high
+        self._size.value, self._size.max = min(self._size.value, high), high
         self._size.min = min(low, self._size.min)
         self._context.tools.resize(self._context.tools.radius_m)
 
@@ -92,7 +88,6 @@ class ToolPanel:
         self._size.visible = name in ("brush", "eraser", "sphere")
         self._fill.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"
-        self._margin.visible = name == "box"
         painting = name in (*STROKES, *REGIONS)
         self._falloff.visible = name in STROKES
         for control in (self._opacity, self._occluded):

@@ -56,10 +56,10 @@ class LassoOutline:
         return lambda X_BW: Outline(X_EW @ np.linalg.inv(X_BW), flat), X_WE[:3, 3]
 
 
-TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso")
+TOOLS: Final = ("brush", "fill", "sphere", "eraser", "pick", "touch", "lasso")
 
 STROKES: Final = ("brush", "eraser")
-REGIONS: Final = ("box", "sphere", "lasso")
+REGIONS: Final = ("sphere", "lasso")
 """Tools that paint when the button is released."""
 
 FIRST_SWATCH: Final = "wood"
@@ -78,11 +78,10 @@ class Tools:
     Attributes:
         name: current tool, one of `TOOLS`.
         chosen: name of the selected swatch.
-        radius_m: radius of brush and eraser, and of a box or sphere that is clicked [m].
+        radius_m: radius of brush and eraser, and of a sphere that is clicked [m].
         falloff, opacity, ignore_occlusion: see `strokes.Brush`; the fill tool does not use them.
         fill: area that the fill tool fills, one of `FILLS`.
         angle_rad: angle of a facet [rad].
-        margin_m: margin of a box around the two points that span it [m].
         force_N: normal force of the hand [N].
         pressed: whether the pointer button is pressed on the surface.
     """
@@ -96,7 +95,6 @@ class Tools:
         self.radius_m = RADIUS_SHARE[1] * view.diagonal_m
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
-        self.margin_m = 0.01 * view.diagonal_m
         self.falloff, self.opacity, self.ignore_occlusion = 0.0, 1.0, False
         self.outline = LassoOutline()
         self.force_N = 1.0
@@ -148,7 +146,6 @@ class Tools:
             self._session.end_stroke()
         if self.pressed and self.name == "touch":
             self._touch.lift(time.monotonic())
-        self._marks.show_box(None)
         self._marks.show_sphere(None)
         self.pressed, self._stroke, self._start, self._last = False, None, None, None
 
@@ -196,7 +193,7 @@ class Tools:
         if hit is None:
             self._say("There is no surface here: start on a body.")
             return
-        swatch = self.ensure_swatch() if self.name in ("brush", "fill", "box", "sphere") else ERASE
+        swatch = self.ensure_swatch() if self.name in ("brush", "fill", "sphere") else ERASE
         self.pressed, self._start, self._last, self._eye_W_m = True, hit, hit, ray[0]
         if self.name in STROKES:
             with self._session.lock:
@@ -243,7 +240,7 @@ class Tools:
             self._show_region()
 
     async def release(self, pointer: Pointer | None) -> None:
-        """Handle a release of the button; None cancels a box, sphere or lasso without painting."""
+        """Handle a release of the button; None cancels a sphere or lasso without painting."""
         try:
             if pointer is not None and self.pressed:
                 await self.drag(pointer)  # the position of the release
@@ -261,22 +258,17 @@ class Tools:
         self._say(f"Picked {self.chosen}.")
 
     def _show_region(self) -> None:
-        """Show the box or sphere that would be painted."""
-        if self.name == "box":
-            X_WK, size_m = self._box()
-            self._marks.show_box(size_m, X_WK)
-        elif self.name == "sphere":
+        """Show the sphere that would be painted."""
+        if self.name == "sphere":
             self._marks.show_sphere(*self._sphere())
 
     def _fill_region(self, pointer: Pointer) -> None:
-        """Paint inside the box, the sphere or the outline."""
+        """Paint inside the sphere or the outline."""
         if self.name not in REGIONS:
             return
         more: dict[str, Any] = {"opacity": self.opacity}
         more["eye_W_m"] = None if self.ignore_occlusion else self._eye_W_m
-        if self.name == "box":
-            count = self._session.fill_box(*self._box(), self.ensure_swatch(), **more)
-        elif self.name == "sphere":
+        if self.name == "sphere":
             count = self._session.fill_sphere(*self._sphere(), self.ensure_swatch(), **more)
         else:
             taken = self.outline.take(self._view, pointer)
@@ -302,17 +294,6 @@ class Tools:
         nhat = hit.nhat_W if float(hit.nhat_W @ direction_W) <= 0.0 else -hit.nhat_W
         stiffness = self._session.tuning.parameters(self._session.swatch_at(hit))[0].given
         return hit.p_W_m, nhat, self.force_N, stiffness
-
-    def _box(self) -> tuple[Vector, Vector]:
-        """Pose and size of the box between the press and the present position, along the axes of the body."""
-        assert self._start is not None and self._last is not None
-        R_WB = self._session.scene.bodies[self._start.body].X_WB[:3, :3]
-        way_B = R_WB.T @ (self._last.p_W_m - self._start.p_W_m)
-        X_WK = np.eye(4)
-        X_WK[:3, :3] = R_WB
-        X_WK[:3, 3] = (self._start.p_W_m + self._last.p_W_m) / 2
-        margin_m = self.radius_m if not way_B.any() else self.margin_m
-        return X_WK, np.abs(way_B) + 2 * margin_m
 
     def _sphere(self) -> tuple[Vector, float]:
         """Centre and radius of the sphere from the press to the present position."""

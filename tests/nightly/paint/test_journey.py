@@ -189,7 +189,7 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         tab.locator('.hs-play[data-name="leather"]').click()
         page.wait("window.hapscene.sound.played > 5000")
         tab.wait_for_function("window.hapscene.state.hand === 'ready'", timeout=1e3 * COMPILE_S)
-        tab.keyboard.press("7")
+        tab.keyboard.press("6")
         page.wait("window.hapscene.state.tool === 'touch'")
         tab.evaluate("Object.assign(window.hapscene.sound, { peak: 0 })")
         tab.keyboard.down("Shift")

@@ -36,7 +36,7 @@ def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
     return painted
 
 
-@pytest.mark.parametrize("tool", ["brush", "box", "sphere"])
+@pytest.mark.parametrize("tool", ["brush", "sphere"])
 def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) -> None:
     tab.tools.choose_swatch("wood", "wood")
     tab.send("tool", name=tool)
@@ -46,7 +46,7 @@ def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) 
         assert body.name != "ball" or (one != body.face_swatch).any()
 
 
-@pytest.mark.parametrize("tool", ["brush", "fill", "box", "sphere"])
+@pytest.mark.parametrize("tool", ["brush", "fill", "sphere"])
 def test_missing_swatch_is_reported_once_and_ends_the_stroke(page: Page, tab: Tab, tool: str) -> None:
     tab.tools.choose_swatch("nowhere", "nowhere")
     tab.send("tool", name=tool)
@@ -84,7 +84,6 @@ SETTINGS = {
     "brush": STROKE,
     "eraser": STROKE,
     "fill": {"Fill", "Angle [°]"},
-    "box": {"Depth [mm]", "Opacity [%]", "Ignore occlusion"},
     "sphere": {"Size [mm]", "Opacity [%]", "Ignore occlusion"},
     "lasso": {"Opacity [%]", "Ignore occlusion"},
     "touch": {"Force [N]"},
@@ -104,13 +103,13 @@ def test_each_tool_shows_its_settings(page: Page, tab: Tab) -> None:
         tab.wait(lambda labels=labels: shown() == labels)
     step, diameter_mm = tab.control("Size [mm]")["props"]["step"], 2e3 * tab.tools.radius_m
     assert diameter_mm <= tab.control("Size [mm]")["value"] <= diameter_mm + step <= 1.1 * diameter_mm
-    for label, value in (("Falloff [%]", 25), ("Opacity [%]", 50), ("Angle [°]", 90), ("Depth [mm]", 2.0)):
+    for label, value in (("Falloff [%]", 25), ("Opacity [%]", 50), ("Angle [°]", 90)):
         tab.set(label, value)
     for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all"), ("Ignore occlusion", True)):
         tab.set(label, value)
     tab.settle()
-    found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "margin_m", "force_N")]
-    assert found == pytest.approx([0.25, 0.5, np.pi / 2, 0.002, FORCE_N[1]])
+    found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "force_N")]
+    assert found == pytest.approx([0.25, 0.5, np.pi / 2, FORCE_N[1]])
     assert tab.tools.fill == FILLS[1] and tab.tools.ignore_occlusion
 
 
@@ -125,7 +124,7 @@ def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
     assert not page.context.session.document.changed
 
 
-@pytest.mark.parametrize("tool", ["brush", "eraser", "fill", "box", "sphere"])
+@pytest.mark.parametrize("tool", ["brush", "eraser", "fill", "sphere"])
 def test_press_beside_the_surface_is_reported(page: Page, tab: Tab, tool: str) -> None:
     tab.send("tool", name=tool)
     tab.point("down", np.array([0.0, 0.9, 0.0]))
