@@ -131,7 +131,7 @@ class Session:
         Args:
             swatch: swatch to paint with.
             radius_m: radius of the brush [m].
-            more: falloff, opacity, ignore_occlusion: see `hapscene.paint.model.strokes.Brush`.
+            more: falloff, opacity: see `hapscene.paint.model.strokes.Brush`.
 
         Raises:
             SceneError: the swatch is unknown, or a setting of the brush is out of range.

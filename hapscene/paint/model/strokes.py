@@ -34,7 +34,6 @@ class Brush:
         radius_m: radius [m].
         falloff: width of the soft border inside the radius, as a fraction of it [0, 1]; 0 is a sharp border.
         opacity: weight of the swatch over the present painting [0, 1].
-        ignore_occlusion: paint everything within the radius, including hidden surfaces and back faces.
 
     Raises:
         SceneError: a setting is out of range.
@@ -43,7 +42,6 @@ class Brush:
     radius_m: float
     falloff: float = 0.0
     opacity: float = 1.0
-    ignore_occlusion: bool = False
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.radius_m) and self.radius_m > 0.0):
@@ -115,10 +113,6 @@ class Stroke:
         falloff_m = brush.falloff * brush.radius_m  # the border is inside the radius
         points_m = np.array([hit.p_B_m for hit in line])
         region = Tube(points_m, brush.radius_m - falloff_m / 2)
-        if brush.ignore_occlusion:
-            faces: NDArray[np.integer] = shape.near(Tube(points_m, brush.radius_m))
-            self._painting.paint_region(body, region, faces, falloff_m, brush.opacity)
-            return
         faces = shape.brush([hit.face for hit in line], points_m, brush.radius_m)
         self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
 

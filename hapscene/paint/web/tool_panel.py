@@ -50,10 +50,6 @@ class ToolPanel:
             self._force = self._slider("Force [N]", (*FORCE_N, 0.1), "force_N", 1, hint)
             hint = "Materials of the mesh files, paint, or paint over materials (key V)"
             self._layers = gui.add_dropdown("Show", SHOWS, initial_value=context.view.show, hint=hint)
-            self._more = gui.add_folder("More", expand_by_default=False)
-            with self._more:
-                hint = "Also paint surfaces that are hidden or face away"
-                self._occluded = gui.add_checkbox("Ignore occlusion", tools.ignore_occlusion, hint=hint)
         self._listen()
         self.show()
 
@@ -88,28 +84,24 @@ class ToolPanel:
         self._size.visible = name in ("brush", "eraser", "sphere")
         self._fill.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"
-        painting = name in (*STROKES, *REGIONS)
         self._falloff.visible = name in STROKES
-        for control in (self._opacity, self._occluded):
-            control.visible = painting
-        self._more.visible = painting
+        self._opacity.visible = name in (*STROKES, *REGIONS)
         self._layers.visible = self._context.view.has_look
         self._force.visible = name == "touch"
         for slider, attribute, factor in self._sliders:
             shown = min(max(factor * getattr(tools, attribute), slider.min), slider.max)
             if abs(slider.value - shown) > slider.step / 2:
                 slider.value = shown
-        shown = (self._layers, self._context.view.show)
-        for choice, now in ((self._fill, fill), (self._occluded, tools.ignore_occlusion), shown):
+        for choice, now in ((self._fill, fill), (self._layers, self._context.view.show)):
             if choice.value != now:
                 choice.value = now
 
     def _listen(self) -> None:
         callback, tools, view = self._context.callback, self._context.tools, self._context.view
 
-        def choose(attribute: str, choices: tuple[object, ...], target: Control) -> None:
-            if target.value in choices:
-                setattr(tools, attribute, target.value)
+        def choose_fill(target: Control) -> None:
+            if target.value in FILLS:
+                tools.fill = target.value
 
         def show_layers(target: Control) -> None:
             if target.value in SHOWS:
@@ -118,8 +110,7 @@ class ToolPanel:
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
         self._layers.on_update(callback(show_layers))
-        self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
-        self._fill.on_update(callback(partial(choose, "fill", FILLS)))
+        self._fill.on_update(callback(choose_fill))
 
     def _take_number(self, attribute: str, factor: float, slider: Any) -> None:
         tools = self._context.tools

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -79,7 +79,7 @@ class Tools:
         name: current tool, one of `TOOLS`.
         chosen: name of the selected swatch.
         radius_m: radius of brush and eraser, and of a sphere that is clicked [m].
-        falloff, opacity, ignore_occlusion: see `strokes.Brush`; the fill tool does not use them.
+        falloff, opacity: see `strokes.Brush`; the fill tool does not use them.
         fill: area that the fill tool fills, one of `FILLS`.
         angle_rad: angle of a facet [rad].
         force_N: normal force of the hand [N].
@@ -95,7 +95,7 @@ class Tools:
         self.radius_m = RADIUS_SHARE[1] * view.diagonal_m
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
-        self.falloff, self.opacity, self.ignore_occlusion = 0.0, 1.0, False
+        self.falloff, self.opacity = 0.0, 1.0
         self.outline = LassoOutline()
         self.force_N = 1.0
         self.pressed = False
@@ -197,7 +197,7 @@ class Tools:
         self.pressed, self._start, self._last, self._eye_W_m = True, hit, hit, ray[0]
         if self.name in STROKES:
             with self._session.lock:
-                brush = Brush(self.radius_m, self.falloff, self.opacity, self.ignore_occlusion)
+                brush = Brush(self.radius_m, self.falloff, self.opacity)
                 self._stroke = Stroke(self._session.painting, swatch, brush)
                 self._stroke.drag_to(*ray)
             self._marks.show_ring(hit, self.radius_m)
@@ -266,17 +266,19 @@ class Tools:
         """Paint inside the sphere or the outline."""
         if self.name not in REGIONS:
             return
-        more: dict[str, Any] = {"opacity": self.opacity}
-        more["eye_W_m"] = None if self.ignore_occlusion else self._eye_W_m
         if self.name == "sphere":
-            count = self._session.fill_sphere(*self._sphere(), self.ensure_swatch(), **more)
+            count = self._session.fill_sphere(
+                *self._sphere(), self.ensure_swatch(), opacity=self.opacity, eye_W_m=self._eye_W_m
+            )
         else:
             taken = self.outline.take(self._view, pointer)
             if taken is None:
                 self._say("Draw an outline around the area to paint.")
                 return
-            more["eye_W_m"] = None if self.ignore_occlusion else taken[1]
-            count = self._session.fill_region(self.name, taken[0], self.ensure_swatch(), **more)
+            region_of, eye_W_m = taken
+            count = self._session.fill_region(
+                self.name, region_of, self.ensure_swatch(), opacity=self.opacity, eye_W_m=eye_W_m
+            )
         self._say(f"{face_count_text(count)} painted." if count else "Nothing changed: no unpainted faces inside.")
 
     def _why_nothing(self) -> str:

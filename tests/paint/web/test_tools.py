@@ -79,13 +79,13 @@ def test_the_brush_stays_within_its_bounds(page: Page, tab: Tab) -> None:
         assert tools.radius_m == taken
 
 
-STROKE = {"Size [mm]", "Falloff [%]", "Opacity [%]", "Ignore occlusion"}
+STROKE = {"Size [mm]", "Falloff [%]", "Opacity [%]"}
 SETTINGS = {
     "brush": STROKE,
     "eraser": STROKE,
     "fill": {"Fill", "Angle [°]"},
-    "sphere": {"Size [mm]", "Opacity [%]", "Ignore occlusion"},
-    "lasso": {"Opacity [%]", "Ignore occlusion"},
+    "sphere": {"Size [mm]", "Opacity [%]"},
+    "lasso": {"Opacity [%]"},
     "touch": {"Force [N]"},
     "pick": set(),
 }
@@ -105,12 +105,12 @@ def test_each_tool_shows_its_settings(page: Page, tab: Tab) -> None:
     assert diameter_mm <= tab.control("Size [mm]")["value"] <= diameter_mm + step <= 1.1 * diameter_mm
     for label, value in (("Falloff [%]", 25), ("Opacity [%]", 50), ("Angle [°]", 90)):
         tab.set(label, value)
-    for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all"), ("Ignore occlusion", True)):
+    for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all")):
         tab.set(label, value)
     tab.settle()
     found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "force_N")]
     assert found == pytest.approx([0.25, 0.5, np.pi / 2, FORCE_N[1]])
-    assert tab.tools.fill == FILLS[1] and tab.tools.ignore_occlusion
+    assert tab.tools.fill == FILLS[1]
 
 
 def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
@@ -237,6 +237,3 @@ def test_a_lasso_paints_the_visible_surface_inside(page: Page, tab: Tab) -> None
     assert (lasso[0] != 0).any() and not tab.state["outline"]
     z = ball.mesh.triangles_m.mean(axis=1) @ ball.X_WB[2, :3]
     assert z[lasso[0] != 0].min() > 0.0  # not the other side
-    tab.tools.ignore_occlusion = True
-    both_sides = drawn(page, tab, *corners, corners[0])
-    assert z[both_sides[0] != 0].min() < 0.0
