@@ -8,7 +8,7 @@ swatch, brush and theme.
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -38,7 +38,6 @@ from hapscene.paint.web.swatch_panel import SwatchPanel
 from hapscene.paint.web.tool_panel import ToolPanel
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.view import VIEWS, SceneView, ToolMarks
-from hapscene.surface.swatch_file import SUFFIX as SWATCH_SUFFIX
 from hapscene.view.feel_layer import SHOWS
 
 __all__ = ["HOST", "PORT", "Page"]
@@ -122,9 +121,7 @@ class Page:
         self.server = self._served.viser
         self._loop = self.server.get_event_loop()
         self._socket = PageSocket(self._act, self._state)
-        uploads = Uploads(self._socket.say)
-        uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        uploads.take((SWATCH_SUFFIX,), self._take_swatches)
+        uploads = Uploads(self._socket.say, (*MESHES, *BESIDE), lambda files: self._body_panel.take(files))
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
@@ -237,11 +234,6 @@ class Page:
     def _finish(self) -> None:
         for panels in self.clients.values():
             panels.context.tools.finish()
-
-    async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
-        """Handle uploaded swatches, unless the page that sent them was closed."""
-        if client in self.clients:
-            await self.clients[client].swatches.take(files)
 
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""

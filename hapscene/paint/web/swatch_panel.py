@@ -1,13 +1,10 @@
-"""The swatch library panel of the tab Paint: search, play, select, edit and import swatches."""
+"""The swatch library panel of the tab Paint: search, play and select swatches."""
 
 import asyncio
 import base64
-import re
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from itertools import chain, count
-from pathlib import Path
 from typing import Final
 
 from hapscene.errors import SwatchError, no_such
@@ -15,8 +12,6 @@ from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
 from hapscene.paint.web.context import ClientContext, Container, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.surface.swatch import Swatch, touched_with
-from hapscene.surface.swatch_file import SUFFIX, read_swatch
-from hapscene.swatches import library
 from hapscene.swatches.picture import ball_png
 from hapscene.swatches.sound import swatch_sound
 from hapscene.swatches.words import Phrase
@@ -32,12 +27,6 @@ BALLS_AT_ONCE: Final = 9
 
 Key = tuple[str, str, int, str | None]
 """What a preview depends on; the last item is the colour."""
-
-IMPORT: Final = (
-    f'<div class="hs-library-bar"><button type="button" data-upload="{SUFFIX}" title="Add swatch files to your '
-    'library. You can also drop them onto the page">Import…</button></div>'
-)
-"""HTML of the import button."""
 
 PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
 
@@ -60,7 +49,6 @@ class SwatchPanel:
                 "Search", "", hint="A name, a word, a source or a bound: rough, computed, friction<0.3"
             )
             self._search.on_update(callback(lambda target: self.show()))
-            gui.add_html(IMPORT)
             self._detail = gui.add_html("")
             self._list = gui.add_html("")
             self._rest = gui.add_html("")
@@ -215,24 +203,6 @@ class SwatchPanel:
         silent = f"{card.name} makes no sound: it has neither a texture nor taps."
         self._context.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
 
-    # --- import ---
-
-    async def take(self, files: Sequence[Path]) -> None:
-        """Add swatch files to the user's library under free names.
-
-        Raises:
-            SwatchError: a file cannot be read; those before it are added.
-        """
-        names = []
-        for file in files:
-            swatch = await asyncio.to_thread(read_swatch, file)
-            names.append(library.add(replace(swatch, name=_free_name(swatch.name))).name)
-        self._search.value = ""
-        self.show(True)
-        self._use(self._card(names[0]))
-        self._context.say(f"Added to your library: {', '.join(names)}.")
-        self._context.refresh()
-
 
 def _figure_html(phrase: Phrase) -> str:
     """HTML of the figure of a phrase, with line breaks only between numbers; "" if the word is sufficient."""
@@ -249,11 +219,3 @@ def _ball(card: Card, colour: str | None) -> str:
         return f"data:image/png;base64,{base64.b64encode(ball_png(card.swatch, own)).decode('ascii')}"
     except SwatchError:
         return ""
-
-
-def _free_name(name: str) -> str:
-    """The name, or the name with the first free number, such as "oak 2"."""
-    stem = re.sub(r" \d+$", "", name)
-    shipped = {*library.shipped_swatches(), *(entry.name for entry in library.computed_entries())}
-    names = chain((name,), (f"{stem} {i}" for i in count(2)))
-    return next(free for free in names if free not in shipped and library.find(free) is None)

@@ -10,7 +10,7 @@ function send(files) {
   const whole = files.reduce((sum, file) => sum + file.size, 0);
   const wire = new WebSocket(`${location.origin.replace(/^http/, "ws")}${home()}hapscene-upload`);
   wire.onopen = async () => {
-    wire.send(JSON.stringify({ client: window.hapscene.client(), files: files.map(({ name, size }) => ({ name, size })) }));
+    wire.send(JSON.stringify({ files: files.map(({ name, size }) => ({ name, size })) }));
     let gone = 0;
     for (const file of files) {
       for (let at = 0; at < file.size && wire.readyState === 1; at += PIECE) {

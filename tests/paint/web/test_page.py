@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trimesh.creation import box
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
@@ -28,9 +29,6 @@ from hapscene.paint.web.hand import HandConfig
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.socket import UPLOAD_PATH
 from hapscene.scene.scene import load_scene
-from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import save_swatch
-from hapscene.swatches.library import own_entries
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -175,25 +173,20 @@ def card_names(tab: Tab) -> list[str]:
     return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', content)]
 
 
-def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: Path, tmp_path: Path) -> None:
-    save_swatch(Swatch("gift", 99.0), tmp_path / "gift.swatch")
-    gift = (tmp_path / "gift.swatch").read_bytes()
-    drop(tab, {"C:\\fun\\gift.swatch": gift})
-    tab.wait(lambda: tab.tools.chosen == "gift" and "gift" in card_names(tab))
-    drop(tab, {"again.swatch": gift})
-    tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
-    asyncio.run(page._take_swatches([tmp_path / "gift.swatch"], tab.client + 1))  # from a page that was closed
-    assert len(own_entries()) == 2
+def test_files_that_are_dropped_become_bodies(page: Page, tab: Tab, tmp_path: Path) -> None:
+    drop(tab, {"C:\\fun\\gift.glb": box((0.02, 0.02, 0.02)).export(file_type="glb"), "notes.exe": b"no"})
+    tab.wait(lambda: page.context.session.scene.bodies[-1].name == "gift")
+    assert (tmp_path / "gift.glb").is_file() and not (tmp_path / "gift").exists()
     for files, pattern in (
-        ({"bad.swatch": b"no"}, "bad.swatch"),
-        ({"a.exe": b"no"}, r"a\.exe.*\.swatch"),
-        ({f"{i}.swatch": b"" for i in range(201)}, "1 to 200 files"),
-        ({"huge.swatch": 1 << 40}, "512 MiB"),
-        ({"short.swatch": 10}, "interrupted"),
+        ({"bad.glb": b"no"}, "bad.glb"),
+        ({"a.exe": b"no"}, r"a\.exe.*\.glb"),
+        ({f"{i}.glb": b"" for i in range(201)}, "1 to 200 files"),
+        ({"huge.glb": 1 << 40}, "512 MiB"),
+        ({"short.glb": 10}, "interrupted"),
     ):
         drop(tab, files)
         tab.wait(lambda pattern=pattern: any(re.search(pattern, said) for said in list(tab.said)))
-    assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
+    assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.glb"))
 
 
 def drop(tab: Tab, files: Mapping[str, bytes | int]) -> None:
@@ -203,7 +196,7 @@ def drop(tab: Tab, files: Mapping[str, bytes | int]) -> None:
     with connect(f"ws://{host}{UPLOAD_PATH}", origin=origin) as wire:
         sizes = {name: content if isinstance(content, int) else len(content) for name, content in files.items()}
         listed = [{"name": name, "size": size} for name, size in sizes.items()]
-        wire.send(json.dumps({"client": tab.client, "files": listed}))
+        wire.send(json.dumps({"files": listed}))
         with contextlib.suppress(ConnectionClosed):
             for content in files.values():
                 if isinstance(content, bytes) and content:
