@@ -146,20 +146,16 @@ class SwatchPanel:
         )
 
     def _detail_html(self, card: Card) -> str:
-        """HTML of the description and the actions of the selected swatch."""
+        """HTML of the description of the selected swatch."""
         try:
             lines = [f"{escape_html(p.word)} {_figure_html(p)}" for p in card.phrases]
         except SwatchError as error:
             lines = [escape_html(str(error))]
         name, tags = escape_html(card.name), "".join(f" · {escape_html(tag)}" for tag in card.entry.tags)
-        button = (
-            f'<button type="button" data-library="play" data-name="{name}" aria-label="Play {name}" '
-            'title="Play the sound of a tap and a stroke">▶ Play</button>'
-        )
         where = escape_html(" · ".join(filter(None, (PLACES[card.place], touched_with(card.entry))))) + tags
         return (
             f'<div class="hs-swatch chosen"><div><b>{name}</b> <span class="dim">{where} · '
-            f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{button}</div></div>"
+            f"selected</span><br>{'<br>'.join(lines)}</div></div>"
         )
 
     def _colour(self, card: Card) -> str:
