@@ -25,8 +25,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from hapscene.errors import ViewError
-from hapscene.web.listener import refusal_reason
-from hapscene.web.server import url_host
+from hapscene.web.server import refusal_reason, url_host
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
