@@ -63,13 +63,6 @@ class Session:
         self.history, self.lock = painting.history, painting.lock
         self._stroke: Stroke | None = None
 
-    def __repr__(self) -> str:
-        name = self.path.name if self.path is not None else "without a file"
-        faces = sum(len(body.face_swatch) for body in self.scene.bodies)
-        bodies, swatches = len(self.scene.bodies), len(self.scene.swatches)
-        saved = "not saved" if self.dirty else "saved"
-        return f"<Session {name}: {bodies} bodies, {faces:,} faces, {swatches} swatches, {saved}>"
-
     @classmethod
     def open(cls, path: str | Path, accept_changed: bool = False) -> Self:
         """Load a scene file.
