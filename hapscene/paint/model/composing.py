@@ -220,8 +220,7 @@ class Composing:
         Args:
             body: name of the body.
             factor: new size divided by present size.
-            beside: scale about the point of the body that is nearest to the others, so that even a factor of 1000
-                moves the body neither into the others nor away from them.
+            beside: move it next to the others where it would overlap them or lie far away, as `add` does.
 
         Raises:
             SceneError: see `scaled_mesh`.
@@ -231,17 +230,12 @@ class Composing:
             if mesh is one.mesh:
                 return
             X_WB = one.X_WB.copy()
-            fixed_B_m = self._near_others_B_m(one) if beside else one.mesh.bounds_m.mean(axis=0)
-            X_WB[:3, 3] += X_WB[:3, :3] @ ((1 - factor) * fixed_B_m)
+            X_WB[:3, 3] += X_WB[:3, :3] @ ((1 - factor) * one.mesh.bounds_m.mean(axis=0))
+            others = [other for other in self._painting.scene.bodies if other is not one]
+            if beside and others:
+                X_WB[:3, 3] += _room_beside([replace(one, mesh=mesh, X_WB=X_WB)], others)
             delta = self._delta(one, mesh=mesh, X_WB=X_WB)
             self._painting.change(f"scale {body!r}", (), [delta], key=("scale", body))
-
-    def _near_others_B_m(self, body: Body) -> NDArray[np.float64]:
-        """Point (3,) of a body's bounding box, in its frame, nearest to the bottom centre of the other bodies [m]."""
-        low, high = _box(body)
-        boxes = np.array([_box(other) for other in self._painting.scene.bodies if other is not body] or [(low, high)])
-        there = np.append((boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0))[:2] / 2, boxes[:, 0, 2].min())
-        return np.asarray((np.clip(there, low, high) - body.X_WB[:3, 3]) @ body.X_WB[:3, :3])
 
     def scaled_mesh(self, body: str, factor: float) -> Mesh:
         """The mesh that `scale` would give a body.
