@@ -39,7 +39,7 @@ UNITS: Final = ("mm", "cm", "m", "in")
 """Units offered for a mesh whose file has no unit."""
 
 ASK_MAX: Final = 3
-"""Largest number of questions about the size of bodies [count]; for more bodies, the tab shows the advice."""
+"""Largest number of questions about the size of bodies [count]."""
 
 AXES: Final = "xyz"
 
@@ -70,7 +70,6 @@ class BodyPanel:
             "name": self._rename,
             "parent": lambda name, value: self._composing.attach(name, value or None),
             "scale": lambda name, value: self._scale(name, _number(value) / self._composing.scale_of(name)),
-            "fit": lambda name, value: self._fit(name, _number(value)),
             **{f"position {axis}": self._move_to for axis in AXES},
             **{f"rotation {axis}": self._turn_to for axis in AXES},
             **{f"size {axis}": self._resize for axis in AXES},
@@ -318,25 +317,18 @@ class BodyPanel:
             ("Scale", _field("scale", name, self._composing.scale_of(body.name))),
         ]
         table = "".join(f"<tr><th>{label}</th><td>{field}</td></tr>" for label, field in rows)
-        device = self._context.touch.config.limits
-        advice, hint = size_advice(body.mesh, device), ""
-        if advice.scale is not None:
-            fitting = dimensions(advice.scale * size_m)
-            hint = f'<p class="dim">The body is {escape_html(advice.size)}. '
-            hint += _button("fit", f"Scale to {fitting}", name, None, escape_html(advice.words), f"{advice.scale!r}")
-            hint += "</p>"
         buttons = [
             _button("copy", "Copy", name, None, "Add a copy next to this body"),
             _button("delete", "Delete", name, None, "Delete this body"),
             _button("handles", "Handles", name, self._handles, "Show arrows and rings that move and rotate the body"),
         ]
-        return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
+        return f'<div class="hs-bodies"><table>{table}</table><p>{"".join(buttons)}</p></div>'
 
 
-def _button(act: str, text: str, name: str, pressed: bool | None, title: str, value: str = "") -> str:
+def _button(act: str, text: str, name: str, pressed: bool | None, title: str) -> str:
     """HTML of a button; all texts must be escaped."""
     held = "" if pressed is None else f' aria-pressed="{aria(pressed)}"'
-    return f'<button data-body-act="{act}" data-body="{name}" value="{value}" title="{title}"{held}>{text}</button>'
+    return f'<button data-body-act="{act}" data-body="{name}" title="{title}"{held}>{text}</button>'
 
 
 def _field(act: str, name: str, value: float) -> str:
