@@ -22,8 +22,7 @@ from hapscene.paint.model.history import (
     SwatchState,
     face_count_text,
 )
-from hapscene.paint.model.mesh import Hit, PaintableMesh, pick
-from hapscene.paint.model.visibility import Visibility
+from hapscene.paint.model.mesh import Hit, PaintableMesh, Visibility, pick
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import paint_faces, paint_region
 from hapscene.scene.mesh import Mesh

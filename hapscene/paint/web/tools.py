@@ -10,8 +10,7 @@ import numpy as np
 from hapscene.paint.model.history import face_count_text
 from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.regions import Outline
-from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Session
-from hapscene.paint.model.strokes import Brush, Stroke
+from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Brush, Session, Stroke
 from hapscene.paint.web.hand import TouchHand
 from hapscene.paint.web.view import Pointer, SceneView, ToolMarks, Vector
 from hapscene.surface.swatch import PLAIN, SwatchLike
@@ -79,7 +78,7 @@ class Tools:
         name: current tool, one of `TOOLS`.
         chosen: name of the selected swatch.
         radius_m: radius of brush and eraser, and of a sphere that is clicked [m].
-        falloff, opacity: see `strokes.Brush`; the fill tool does not use them.
+        falloff, opacity: see `session.Brush`; the fill tool does not use them.
         fill: area that the fill tool fills, one of `FILLS`.
         angle_rad: angle of a facet [rad].
         force_N: normal force of the hand [N].

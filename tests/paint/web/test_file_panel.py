@@ -69,7 +69,7 @@ def test_panel_lists_what_the_chosen_format_cannot_store(page: Page, tab: Tab) -
 
 def test_escape_closes_a_question_without_an_answer(page: Page, tab: Tab) -> None:
     Path("asked.scene.json").write_text("theirs")
-    tab.send("dismiss")  # there is none
+    tab.send("dismiss")  # without a question
     save_as(tab, "asked.scene.json")
     tab.control("Overwrite")
     tab.send("dismiss")
