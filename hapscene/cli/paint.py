@@ -92,8 +92,7 @@ def _paint_until_ended(page: "Page") -> None:
             if page.context.session.document.problem:
                 print_progress(f"{page.context.session.document.problem}\n")
             if page.network_url is not None:
-                open_to = f"open to the network at {page.network_url}"
-                print_progress(f"{open_to}: anyone with this address can paint, and overwrite your files\n")
+                print_progress(f"open to the network: anyone can paint and overwrite files at {page.network_url}\n")
             shown = ""
             while True:
                 time.sleep(NAP_S)
