@@ -124,7 +124,7 @@ def sound_gaps(browser: Any, tab: Any, url: str, middle: tuple[float, float], pa
     other.goto(url)
     other.wait_for_function(READY, timeout=60e3)
     tab.wait_for_function("window.hapscene.state.hand === 'ready'", timeout=300e3)
-    tab.keyboard.press("7")
+    tab.keyboard.press("6")
     for page in (tab, other):
         page.keyboard.down("Shift")
         page.mouse.move(*middle)

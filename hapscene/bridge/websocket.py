@@ -13,7 +13,7 @@ from hapscene.bridge.conventions import Convention
 from hapscene.bridge.packets import VERSION, PacketError, unpack_json
 from hapscene.bridge.server import Answer, BridgeServer
 from hapscene.io.files import Json
-from hapscene.web.listener import WebListener
+from hapscene.web.server import WebListener
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection

@@ -91,8 +91,8 @@ def _paint_until_ended(page: "Page") -> None:
             print(f"{page.url}   (press Ctrl-C to end)", flush=True)
             if page.context.session.document.problem:
                 print_progress(f"{page.context.session.document.problem}\n")
-            if page.public:
-                print_progress("open to the network: anyone with this address can paint, and overwrite your files\n")
+            if page.network_url is not None:
+                print_progress(f"open to the network: anyone can paint and overwrite files at {page.network_url}\n")
             shown = ""
             while True:
                 time.sleep(NAP_S)

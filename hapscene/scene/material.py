@@ -6,26 +6,17 @@ Materials are for display only: a swatch defines what a face feels like, the mat
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hapscene.errors import SceneError
-from hapscene.io.files import Json, read_bytes, refusing
+from hapscene.io.files import Json
 
 if TYPE_CHECKING:
     from PIL import Image
 
-__all__ = ["TEXTURES", "Material", "open_picture", "picture_file", "read_picture"]
-
-FILE_MAX_B: Final = 64_000_000
-"""Maximum size of an image file [bytes]."""
-
-PIXEL_MAX: Final = 4096 * 4096
-"""Maximum number of pixels of an image [count]."""
+__all__ = ["TEXTURES", "Material", "open_picture", "picture_file"]
 
 JPEG_QUALITY: Final = 92
 """Quality of pictures in JPEG, from 1 to 95 [1]: no visible artefacts, at a fifth of the size of PNG."""
@@ -107,29 +98,6 @@ class Material:
             return Material.of(SimpleNamespace(**{**numbers, **pictures, "baseColorFactor": colour}))
         except (KeyError, TypeError, ValueError):
             return None
-
-
-def read_picture(path: Path) -> NDArray[np.uint8]:
-    """Load an untrusted image (h, w, 4).
-
-    Raises:
-        SceneError: the file is missing, too large, damaged, or not PNG, JPEG, WebP, BMP or TIFF.
-    """
-    from PIL import Image
-
-    with refusing(SceneError):
-        content = read_bytes(path, FILE_MAX_B, "image")
-    try:
-        with Image.open(io.BytesIO(content), formats=("PNG", "JPEG", "WEBP", "BMP", "TIFF")) as image:
-            if image.width * image.height > PIXEL_MAX:
-                raise SceneError(
-                    f"{path}: {image.width} × {image.height} pixels; at most {PIXEL_MAX:,} pixels are allowed"
-                )
-            return np.asarray(image.convert("RGBA"))
-    except SceneError:
-        raise
-    except Exception:  # Pillow raises many classes for damaged files
-        raise SceneError(f"{path}: not a valid image; expected PNG, JPEG, WebP, BMP or TIFF") from None
 
 
 def open_picture(content: bytes) -> "Image.Image":

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError
 
-__all__ = ["PICTURE_BYTES_MAX", "Look", "picture_png"]
+__all__ = ["PICTURE_BYTES_MAX", "Look"]
 
 PICTURE_BYTES_MAX: Final = 256 * 1024
 """Largest size of a picture file [bytes]."""
@@ -73,20 +73,6 @@ class Look:
         n = 2.0 * pixels - 1.0
         n[..., 2] = np.maximum(n[..., 2], 0.05)
         return np.asarray(n / np.linalg.norm(n, axis=2, keepdims=True))
-
-
-def picture_png(pixels: NDArray[np.uint8]) -> bytes:
-    """Return pixels (h, w, 3 or 4) as the content of a PNG file, reduced to the limits of `Look`."""
-    from PIL import Image
-
-    image, px = Image.fromarray(pixels).convert("RGB"), PICTURE_PX_MAX
-    while True:
-        image.thumbnail((px, px))
-        file = io.BytesIO()
-        image.save(file, "PNG")
-        if file.tell() <= PICTURE_BYTES_MAX:
-            return file.getvalue()
-        px = px * 3 // 4
 
 
 def _check_png(name: str, content: bytes) -> None:

@@ -1,4 +1,4 @@
-"""A web server for one page: its files, and a WebSocket on which the page and the program exchange JSON.
+"""A server for WebSockets, and one for a web page: its files, and a WebSocket on which it exchanges JSON.
 
 Every request must contain the token that is drawn at the start and name an accepted host; a WebSocket must come from a
 page of the same host. Messages of pages are not trusted: they are limited in size and rate.
@@ -7,26 +7,29 @@ page of the same host. Messages of pages are not trusted: they are limited in si
 import contextlib
 import hmac
 import http
+import importlib.util
 import ipaddress
 import json
+import logging
 import secrets
 import socket
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Collection, Mapping
 from importlib.resources.abc import Traversable
 from queue import SimpleQueue
-from threading import Lock, Thread
-from typing import TYPE_CHECKING, Final, Self
+from threading import BoundedSemaphore, Event, Lock, Thread, current_thread
+from typing import TYPE_CHECKING, Any, Final, Self
+from urllib.parse import urlsplit
 
 from hapscene.errors import HapsceneError
 from hapscene.io.files import Json
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene.web.listener import WebListener, is_address, refusal_reason
 
 if TYPE_CHECKING:
     from websockets.http11 import Request, Response
     from websockets.sync.server import ServerConnection
 
-__all__ = ["PageConnection", "WebServer"]
+__all__ = ["PageConnection", "WebListener", "WebServer", "refusal_reason", "url_host"]
 
 CONNECTIONS_MAX: Final = 32
 """Largest number of open connections [count]: a page opens some for its files and keeps one."""
@@ -40,6 +43,9 @@ WAITING_MAX: Final = 256
 CLOSE_S: Final = 1.0
 """Longest wait, when the server closes, until a page has received what was sent [s]."""
 
+THREADS_S: Final = 5.0
+"""Longest wait for the connections' threads to end [s]."""
+
 POLICY: Final = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
 
 CONTENT_TYPES: Final = {
@@ -47,6 +53,90 @@ CONTENT_TYPES: Final = {
     "css": "text/css; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
 }
+
+
+class WebListener:
+    """Listens for WebSocket connections and handles each in a thread. The port is bound at once, served after `open`.
+
+    Args:
+        talk: called with each connection; the connection is closed when it returns.
+        host, port: address to listen at; port 0 for any free one.
+        connections_max: open connections [count]; further ones are closed at once.
+        what, option: name of what is served and of the option that sets its port, for errors.
+        on_connection: called with each connection attempt: True if it is accepted, False if the limit is reached.
+        options: of `websockets.sync.server.serve`.
+
+    Attributes:
+        address: host and port.
+
+    Raises:
+        HapsceneError: websockets is not installed, the port is in use or the host is not an address of this machine.
+    """
+
+    def __init__(
+        self,
+        talk: "Callable[[ServerConnection], None]",
+        host: str,
+        port: int,
+        *,
+        connections_max: int,
+        what: str,
+        option: str,
+        on_connection: Callable[[bool], None] = lambda accepted: None,
+        **options: Any,
+    ) -> None:
+        if importlib.util.find_spec("websockets") is None:
+            raise HapsceneError(f"{what} needs one more package: pip install 'hapscene[serve]'")
+        from websockets.sync.server import serve
+
+        log = logging.getLogger(__name__)  # errors in requests are answered, not printed
+        log.addHandler(logging.NullHandler())
+        log.propagate = False
+        try:
+            self._listener = serve(talk, host, port, compression=None, logger=log, **options)
+        except OSError as error:
+            reason = f"{what} cannot be served at {host}:{port}: {error.strerror}; choose another {option} or --host"
+            raise HapsceneError(reason) from None
+        self.address: tuple[str, int] = self._listener.socket.getsockname()[:2]
+        self._free, self._closed = BoundedSemaphore(connections_max), Event()
+        self._on_connection = on_connection
+        self._threads: dict[socket.socket, Thread] = {}
+        self._serve, self._listener.handler = self._listener.handler, self._serve_if_free
+        self._thread = Thread(target=self._listener.serve_forever)
+
+    def open(self) -> None:
+        """Start to answer."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close the port and every connection; wait for their threads, up to `THREADS_S`."""
+        self._closed.set()
+        self._listener.shutdown()
+        if self._thread.ident is not None:
+            self._thread.join()
+        threads = list(self._threads.items())
+        for connection, _ in threads:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+        end_s = time.monotonic() + THREADS_S
+        for _, thread in threads:
+            if thread is not current_thread():
+                thread.join(max(0.0, end_s - time.monotonic()))
+
+    def _serve_if_free(self, connection: socket.socket, address: object) -> None:
+        # Registered before the check: either `close` finds the connection, or the check finds the server closed.
+        self._threads[connection] = current_thread()
+        accepted = not self._closed.is_set() and self._free.acquire(blocking=False)
+        try:
+            self._on_connection(accepted)
+            if accepted:
+                self._serve(connection, address)
+            else:
+                connection.close()
+        finally:
+            del self._threads[connection]
+            if accepted:
+                self._free.release()
 
 
 class PageConnection:
@@ -149,7 +239,7 @@ class WebServer:
             max_queue=16,
         )
         self.address = self._listener.address
-        self.url = f"http://{_reachable(host)}:{self.address[1]}/{self._token}/"
+        self.url = f"http://{url_host(host)}:{self.address[1]}/{self._token}/"
 
     def open(self) -> None:
         """Start to answer."""
@@ -260,10 +350,43 @@ def _response(status: http.HTTPStatus, content: bytes, content_type: str = "text
     return Response(int(status), status.phrase, Headers(headers), content)
 
 
-def _reachable(host: str) -> str:
+def url_host(host: str) -> str:
     """A host as written in a URL; for "all addresses", the one by which other machines reach this one."""
     if host in ("0.0.0.0", "::", ""):
         with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect(("192.0.2.1", 9))  # sends nothing: only the route is looked up
             host = probe.getsockname()[0]
     return f"[{host}]" if ":" in host else host
+
+
+def refusal_reason(headers: Mapping[str, str], names: Collection[str], public: bool, upgrade: bool) -> str | None:
+    """Why a request is refused; None if it is accepted.
+
+    Args:
+        headers: of the request.
+        names: accepted host names.
+        public: also accept any IP address as host. Unlike a name, an address cannot be redirected by DNS rebinding.
+        upgrade: the request asks for a WebSocket; its origin must be the same host.
+
+    Raises:
+        ValueError: the host or the origin cannot be parsed.
+    """
+    host = headers.get("Host", "")
+    name = urlsplit(f"//{host}").hostname
+    if name is None or not (name in names or (public and is_address(name))):
+        return "this host name is not served"
+    if not upgrade:
+        return None
+    origin = headers.get("Origin", "")
+    if urlsplit(origin).scheme not in ("http", "https") or urlsplit(origin).netloc.lower() != host.lower():
+        return "another origin is not served"
+    return None
+
+
+def is_address(name: str) -> bool:
+    """Whether a host name is an IP address."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -42,7 +42,7 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     window.when(lambda: page.context.session.scene.swatches[2].stiffness_N_m == 222.0)
 
     window.wait("window.hapscene.state.hand === 'ready'")
-    tab.keyboard.press("7")
+    tab.keyboard.press("6")
     window.wait("window.hapscene.state.tool === 'touch'")
     tab.keyboard.down("Shift")
     tab.mouse.move(*window.at(FRONT))

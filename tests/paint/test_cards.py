@@ -79,18 +79,17 @@ def test_search_by_words_and_bounds(library, text, names) -> None:
     assert found == names
 
 
-def test_folders_tags_and_kinds_are_found(library) -> None:
+def test_tags_and_kinds_are_found(library) -> None:
     add(Swatch("foam"), inside="kitchen", tags=["sponge"])
     cards = all_cards(_scene())
     (foam,) = matching(cards, "sponge")
-    assert (foam.place, foam.folder, foam.own) == ("yours", "kitchen", library / "kitchen")
-    assert matching(cards, "kitchen") == [foam]
+    assert (foam.place, foam.source) == ("yours", library / "kitchen" / "foam.swatch")
     assert {card.entry.tags[1] for card in matching(cards, "computed sandpaper")} == {"sandpaper"}
     scene = _scene()
     scene.swatch_index("sandpaper-p60")
     scene.swatch_index("foam")
     inside = {card.name: card for card in all_cards(scene) if card.place == "scene"}
-    assert "sandpaper" in inside["sandpaper-p60"].entry.tags and inside["foam"].own == library / "kitchen"
+    assert "sandpaper" in inside["sandpaper-p60"].entry.tags and inside["foam"].entry.tags == ("sponge",)
     assert len(all_cards(scene)) == len(cards)
 
 

@@ -167,30 +167,19 @@ def test_moves_within_a_second_are_one_step_and_a_drag_is_however_long_it_takes(
     np.testing.assert_array_equal(scene.body("ball").X_WB, was)
 
 
-def test_locked_and_hidden_bodies_cannot_be_changed(session: Session) -> None:
+def test_hidden_bodies_are_not_painted(session: Session) -> None:
     composing, painting = session.composing, session.painting
-    composing.lock("ball")
-    before = body_rows(session)
-    for act in (
-        lambda: composing.move("ball", np.eye(4)),
-        lambda: composing.scale("ball", 2.0),
-        lambda: composing.delete("ball"),
-        lambda: composing.rename("ball", "b"),
-    ):
-        with pytest.raises(SceneError, match="'ball'"):
-            act()
-    assert session.fill_body("ball", 1) == 0 and body_rows(session) == before
-    composing.lock("ball", False)
-    assert session.fill_body("ball", 1) > 0
-
     eye = session.scene.body("ball").X_WB[:3, 3] + (0.0, 0.0, 1.0)
     hit = session.pick(eye, (0.0, 0.0, -1.0))
     assert hit is not None and hit.body == 0
     composing.hide("ball")
     assert painting.hidden == {"ball"} and session.pick(eye, (0.0, 0.0, -1.0)) is None
-    assert session.fill_swatch("ball", 1, 0) == 0 < session.fill_swatch("plate", 1, 0)
+    assert session.fill_body("ball", 1) == 0 < session.fill_body("plate", 0)
+    middle, wood = session.scene.body("ball").X_WB[:3, 3], session.add_swatch("wood")
+    assert session.fill_sphere(middle, 0.03, wood) == 0
     composing.hide("ball", False)
     assert not painting.hidden and session.pick(eye, (0.0, 0.0, -1.0)) is not None
+    assert session.fill_sphere(middle, 0.03, wood) > 0
 
 
 def test_scaling_keeps_the_centre_and_scaling_back_restores_the_mesh(session: Session) -> None:

@@ -160,9 +160,7 @@ def test_shares() -> None:
     assert triangle_shares([1_000_000, 300, 50], 60_000) == [59_650, 300, 50]
 
 
-@pytest.mark.parametrize(
-    "counts", [[1000] * 1000, [200] * 10_000, [10**7] + [1000] * 999, [3] * 9999 + [10**6], [1] * 10_000 + [60_000]]
-)
+@pytest.mark.parametrize("counts", [[10**7] + [1000] * 999, [3] * 9999 + [10**6]])
 def test_many_bodies_are_no_more_than_one(counts: list[int]) -> None:
     shown = triangle_shares(counts, 60_000)
     assert 59_000 - len(counts) < sum(shown) <= 60_000

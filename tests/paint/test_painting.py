@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import SceneError
-from hapscene.paint.model.painting import ERASE, Painting
+from hapscene.paint.model.painting import Painting
 from hapscene.scene.scene import Scene
 
 from .conftest import plate_mesh
@@ -59,14 +59,6 @@ def test_step_without_changes_is_not_recorded(painting: Painting) -> None:
     both = {0: np.zeros(12, bool), 1: np.ones(12, bool)}
     assert painting.paint("fill", both, "paper") == 0 and painting.undo() is None and not painting.changes()
     assert painting.paint("fill", {0: np.ones(12, bool)}, "paper") == 12 and painting.changes()
-
-
-def test_eraser_restores_the_default_of_each_body(painting: Painting) -> None:
-    before = swatches_of(painting)
-    painting.paint("fill", {0: np.ones(12, bool)}, "paper")
-    painting.paint("fill", {1: np.ones(12, bool)}, 0)
-    both = {body: np.ones(12, bool) for body in (0, 1)}
-    assert painting.paint("erase", both, ERASE) == 24 and swatches_of(painting) == before
 
 
 def test_another_painting_is_taken_whole_or_not_at_all(painting: Painting) -> None:

@@ -5,8 +5,7 @@ import pytest
 from trimesh.creation import box
 
 from hapscene.errors import SceneError
-from hapscene.paint.model.session import Session
-from hapscene.paint.model.strokes import SPLIT_MAX, Brush, Stroke
+from hapscene.paint.model.session import SPLIT_MAX, Brush, Session, Stroke
 from hapscene.scene.scene import Scene
 
 from .conftest import mesh_of, turned

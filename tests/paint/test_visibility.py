@@ -69,15 +69,15 @@ def test_a_sheet_close_behind_another_of_the_same_body_is_not_painted() -> None:
     assert len(wood) > 4 and (body.mesh.triangles_m.mean(axis=1)[wood, 2] > 3e-4).all()
 
 
-@pytest.mark.parametrize("tool", ["box", "brush"])
+@pytest.mark.parametrize("tool", ["sphere", "brush"])
 def test_partly_occluded_face_is_painted_where_visible(tool: str) -> None:
     scene = Scene()
     scene.add(mesh_of(box((0.2, 0.2, 0.01))), name="plate")
     scene.add(mesh_of(icosphere(subdivisions=4, radius=0.02)), name="ball", pose=turned(0.0, (0.0, 0.0, 0.06)))
     session = Session(scene)
     wood, eye, body = session.add_swatch("wood"), np.array([0.03, 0.02, 0.3]), scene.bodies[0]
-    if tool == "box":
-        session.fill_box(np.eye(4), [1.0, 1.0, 1.0], wood, eye_W_m=eye)
+    if tool == "sphere":
+        session.fill_sphere(np.zeros(3), 1.0, wood, eye_W_m=eye)
     else:
         session.begin_stroke(wood, 0.1)
         session.drag_to(eye, np.array([0.028, 0.0, 0.005]) - eye)
@@ -107,7 +107,7 @@ def test_narrow_occluder_is_detected() -> None:
     scene.add(mesh_of(box((0.0015, 0.3, 0.001))), name="wire", pose=turned(0.0, (0.013, 0.0, 0.06)))
     session = Session(scene)
     wood, body = session.add_swatch("wood"), scene.bodies[0]
-    session.fill_box(np.eye(4), [1.0, 1.0, 1.0], wood, eye_W_m=EYE)
+    session.fill_sphere(np.zeros(3), 1.0, wood, eye_W_m=EYE)
     assert body.fine is not None
     bare = parts(body.fine.paint)[0] != wood
     up = body.mesh.normals[body.fine.face][:, 2] > 0.9

@@ -1,24 +1,26 @@
 """The web server of a page: who is let in, what limits a page, and that sending never blocks."""
 
+import contextlib
 import json
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from importlib import resources
 from queue import Queue
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
 import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
+from websockets.sync.server import ServerConnection
 
 from hapscene.errors import HapsceneError
 from hapscene.web import server as web_server
-from hapscene.web.server import WebServer
+from hapscene.web.server import WebListener, WebServer
 from tests.virtual_clock import VirtualClock
 
 PATIENCE_S = 60.0
@@ -81,6 +83,7 @@ def test_refuses_requests_without_token_of_other_hosts_and_origins(opened: Opene
     server, _ = opened
     root = f"http://127.0.0.1:{server.address[1]}/"
     assert status(root) == status(root + "page.js") == status(root + "x" * 22 + "/") == 403
+    assert status(server.url, Host="[::1") == 403
     assert status(server.url, Host="evil.example") == 403  # a name that was made to resolve to this machine
     for token, origin in (("x" * 22, ""), ("", ""), (None, "http://evil.example"), (None, None), (None, "null")):
         with pytest.raises(InvalidStatus, match="403"):
@@ -158,3 +161,27 @@ def test_a_port_in_use_is_an_error(opened: Opened) -> None:
             port=opened[0].address[1],
             option="--page-port",
         )
+
+
+def talk(connection: ServerConnection) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        connection.recv()
+
+
+def test_connection_during_shutdown_is_closed() -> None:
+    """It is let in, and all is closed before it is served."""
+    closers: list[Thread] = []
+
+    def close(let_in: bool) -> None:
+        closers.append(Thread(target=listener.close))
+        closers[0].start()
+        closers[0].join(0.5)  # as far as it comes
+
+    listener = WebListener(talk, "127.0.0.1", 0, connections_max=1, what="it", option="--port", on_connection=close)
+    listener.open()
+    address = "ws://{}:{}".format(*listener.address)
+    refused = (ConnectionClosed, InvalidMessage, ConnectionError)  # and not that it waits in vain
+    with pytest.raises(refused), connect_socket(address, open_timeout=60) as page:
+        page.recv(timeout=60)
+    closers[0].join(60)
+    assert not closers[0].is_alive()

@@ -31,16 +31,12 @@ class Card:
         place: where the swatch comes from.
         index: index in the scene; None if the scene does not use the swatch.
         source: argument for `Session.add_swatch`.
-        own: folder of the user's library that holds the swatch; None if it is not in the user's library.
-        folder: name of that folder within the library; "" for the top folder.
     """
 
     entry: LibraryEntry
     place: Place
     index: int | None
     source: Swatch | str | Path
-    own: Path | None = None
-    folder: str = ""
 
     @property
     def name(self) -> str:
@@ -92,27 +88,21 @@ def all_cards(scene: Scene) -> list[Card]:
         SwatchError: the index of the library is damaged.
     """
     cards = scene_cards(scene)
-    homes = library.own_folders()
-    mine = {entry.name: (home, entry) for home in reversed(homes) for entry in library.own_entries(home)}
+    mine = {
+        entry.name: (home, entry) for home in reversed(library.own_folders()) for entry in library.own_entries(home)
+    }
     computed = {entry.name: entry for entry in library.computed_entries()}
     for i, card in enumerate(cards):
-        if card.name in computed and card.entry.provenance == computed[card.name].provenance:
-            cards[i] = replace(card, entry=replace(card.entry, tags=computed[card.name].tags))
         if card.name in mine:
-            home, entry = mine[card.name]
-            tagged = replace(card.entry, tags=entry.tags)
-            cards[i] = replace(card, entry=tagged, own=home, folder=_folder_of(home, homes[0]))
+            cards[i] = replace(card, entry=replace(card.entry, tags=mine[card.name][1].tags))
+        elif card.name in computed and card.entry.provenance == computed[card.name].provenance:
+            cards[i] = replace(card, entry=replace(card.entry, tags=computed[card.name].tags))
     taken = {card.name for card in cards}
-    own = [(home, entry) for home, entry in mine.values() if entry.name not in taken]
-    own.sort(key=lambda pair: (_folder_of(pair[0], homes[0]), pair[1].name))
-    cards += [Card(e, "yours", None, home / e.file, home, _folder_of(home, homes[0])) for home, e in own]
+    own = [(home, mine[name][1]) for name, (home, _) in sorted(mine.items()) if name not in taken]
+    cards += [Card(entry, "yours", None, home / entry.file) for home, entry in own]
     taken |= set(mine)
     cards += [Card(entry, "shipped", None, entry.name) for entry in _shipped() if entry.name not in taken]
     return cards + [Card(entry, "computed", None, name) for name, entry in computed.items() if name not in taken]
-
-
-def _folder_of(home: Path, root: Path) -> str:
-    return "" if home == root else home.name
 
 
 @lru_cache(maxsize=1024)
@@ -124,7 +114,7 @@ def _loaded(source: str | Path, sha256: str) -> Swatch:
 def matching(cards: Sequence[Card], text: str) -> list[Card]:
     """The cards that match every term of a search, such as "wood", "friction<0.3" or "loud stiffness>=500".
 
-    See `hapscene.swatches.library.search`; place, folder and phrases of a swatch are found like tags.
+    See `hapscene.swatches.library.search`; place and phrases of a swatch are found like tags.
 
     Raises:
         SwatchError: a bound is malformed or names an unknown figure.
@@ -132,7 +122,7 @@ def matching(cards: Sequence[Card], text: str) -> list[Card]:
     terms = re.sub(r"\s*([<>]=?)\s*", r"\1", text).split()
     if not terms:  # the phrases of all cards take longer: each swatch is loaded
         return list(cards)
-    entries = [replace(card.entry, tags=(*card.entry.tags, card.place, card.folder, *card.words)) for card in cards]
+    entries = [replace(card.entry, tags=(*card.entry.tags, card.place, *card.words)) for card in cards]
     found = {entry.name for entry in library.search(entries, terms)}  # the names of cards are unique
     return [card for card in cards if card.name in found]
 

@@ -138,10 +138,10 @@ class Composing:
         """Delete a body; bodies attached to it become attached to its parent.
 
         Raises:
-            SceneError: it is the last body, or locked.
+            SceneError: it is the last body.
         """
         with self._painting.lock:
-            one = self._unlocked(body)
+            one = self._painting.scene.body(body)
             deltas = [self._delta(child, parent=one.parent) for child in self._children(body)]
             deltas.append(BodyDelta(self.index(body), one, None))
             self._painting.change(f"delete {body!r}", (), deltas)
@@ -152,10 +152,10 @@ class Composing:
         """Rename a body.
 
         Raises:
-            SceneError: the name is taken or not printable, or the body is locked.
+            SceneError: the name is taken or not printable.
         """
         with self._painting.lock:
-            one = self._unlocked(body)
+            one = self._painting.scene.body(body)
             if name == body:
                 return
             if not name.strip() or not name.isprintable():
@@ -169,10 +169,10 @@ class Composing:
         """Attach a body to a parent, so that it moves with it; None detaches it. The pose does not change.
 
         Raises:
-            SceneError: the parent is the body itself or one of its descendants, or the body is locked.
+            SceneError: the parent is the body itself or one of its descendants.
         """
         with self._painting.lock:
-            one = self._unlocked(body)
+            one = self._painting.scene.body(body)
             trial = Scene()
             trial.bodies = [replace(other) for other in self._painting.scene.bodies]
             trial.attach(body, parent)  # raises on a cycle
@@ -195,10 +195,10 @@ class Composing:
             goes_on: join this move with the previous move of the same body, regardless of the time between them.
 
         Raises:
-            SceneError: the pose is not rigid, or the body is locked.
+            SceneError: the pose is not rigid.
         """
         with self._painting.lock:
-            one = self._unlocked(body)
+            one = self._painting.scene.body(body)
             X_WB = rigid(X_WB, f"body {body!r}")
             if np.array_equal(X_WB, one.X_WB):
                 return
@@ -220,28 +220,22 @@ class Composing:
         Args:
             body: name of the body.
             factor: new size divided by present size.
-            beside: scale about the point of the body that is nearest to the others, so that even a factor of 1000
-                moves the body neither into the others nor away from them.
+            beside: move it next to the others where it would overlap them or lie far away, as `add` does.
 
         Raises:
             SceneError: see `scaled_mesh`.
         """
         with self._painting.lock:
-            one, mesh = self._unlocked(body), self.scaled_mesh(body, factor)
+            one, mesh = self._painting.scene.body(body), self.scaled_mesh(body, factor)
             if mesh is one.mesh:
                 return
             X_WB = one.X_WB.copy()
-            fixed_B_m = self._near_others_B_m(one) if beside else one.mesh.bounds_m.mean(axis=0)
-            X_WB[:3, 3] += X_WB[:3, :3] @ ((1 - factor) * fixed_B_m)
+            X_WB[:3, 3] += X_WB[:3, :3] @ ((1 - factor) * one.mesh.bounds_m.mean(axis=0))
+            others = [other for other in self._painting.scene.bodies if other is not one]
+            if beside and others:
+                X_WB[:3, 3] += _room_beside([replace(one, mesh=mesh, X_WB=X_WB)], others)
             delta = self._delta(one, mesh=mesh, X_WB=X_WB)
             self._painting.change(f"scale {body!r}", (), [delta], key=("scale", body))
-
-    def _near_others_B_m(self, body: Body) -> NDArray[np.float64]:
-        """Point (3,) of a body's bounding box, in its frame, nearest to the bottom centre of the other bodies [m]."""
-        low, high = _box(body)
-        boxes = np.array([_box(other) for other in self._painting.scene.bodies if other is not body] or [(low, high)])
-        there = np.append((boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0))[:2] / 2, boxes[:, 0, 2].min())
-        return np.asarray((np.clip(there, low, high) - body.X_WB[:3, 3]) @ body.X_WB[:3, :3])
 
     def scaled_mesh(self, body: str, factor: float) -> Mesh:
         """The mesh that `scale` would give a body.
@@ -249,9 +243,9 @@ class Composing:
         This may take seconds for a large mesh. Call it in another thread first: `scale` then reuses the result.
 
         Raises:
-            SceneError: the size would be out of range, the mesh file has changed, or the body is locked.
+            SceneError: the size would be out of range, or the mesh file has changed.
         """
-        mesh, (low, high) = self._unlocked(body).mesh, SIZE_M
+        mesh, (low, high) = self._painting.scene.body(body).mesh, SIZE_M
         if not (math.isfinite(factor) and factor > 0.0 and low <= factor * mesh.diagonal_m <= high):
             raise SceneError(
                 f"body {body!r}: invalid scale factor {factor:g}: expected a factor above 0 that makes the body "
@@ -277,27 +271,15 @@ class Composing:
             self._scaled[id(made)] = original, total
         return self._made[key]
 
-    # --- visibility and locks, which are not saved with the scene ---
+    # --- visibility, which is not saved with the scene ---
 
     def hide(self, body: str, hidden: bool = True) -> None:
         """Hide or show a body. A hidden body is neither drawn nor painted; it is still touched."""
-        self._mark(self._painting.hidden, body, hidden)
-
-    def lock(self, body: str, locked: bool = True) -> None:
-        """Lock or unlock a body. A locked body is not painted, and moves only with its parent."""
-        self._mark(self._painting.locked, body, locked)
-
-    def _mark(self, names: set[str], body: str, marked: bool) -> None:
         with self._painting.lock:
             self._painting.end_step()
-            (names.add if marked else names.discard)(self._painting.scene.body(body).name)
+            names = self._painting.hidden
+            (names.add if hidden else names.discard)(self._painting.scene.body(body).name)
             self._painting.note_poses()
-
-    def _unlocked(self, body: str) -> Body:
-        found = self._painting.scene.body(body)
-        if body in self._painting.locked:
-            raise SceneError(f"body {body!r} is locked: unlock it first")
-        return found
 
     def _children(self, body: str) -> list[Body]:
         return [child for child in self._painting.scene.bodies if child.parent == body]

@@ -63,19 +63,9 @@ def file_hash(path: Path) -> str:
 
 def _check_unchanged(path: Path, known: str | None) -> None:
     """Raise SaveConflict if a file does not have the known hash, or exists although none is known."""
-    now = file_hash(path)
-    if now == (known or ""):
-        return
-    if known is None:
-        raise SaveConflict(f"{path}: the file already exists; overwrite it or choose another name")
-    if not known:
-        raise SaveConflict(f"{path}: another program has created this file; overwrite it or choose another name")
-    if not now:
-        raise SaveConflict(f"{path}: the file has been removed or renamed; save it again or choose another name")
-    raise SaveConflict(
-        f"{path}: another program has changed this file since it was opened; overwrite it, choose another name, or "
-        "reload the file and discard your changes"
-    )
+    if file_hash(path) != (known or ""):
+        what = "another program has changed or removed this file since it was opened" if known else "it already exists"
+        raise SaveConflict(f"{path}: {what}; overwrite it or choose another name")
 
 
 def autosave_folder(path: Path) -> Path:

@@ -5,7 +5,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +44,6 @@ PACKED_BYTES: Final = 4_000_000
 
 STEP_BYTES: Final = 500
 """Memory of a step without its faces [bytes]."""
-
-Source = str | Path | None
-"""Where a swatch was loaded from, as in `Scene.swatch_source`."""
 
 
 @dataclass(frozen=True)
@@ -135,19 +132,11 @@ def unpack_subfaces(packed: bytes) -> FinePaint:
     return FinePaint(*found)
 
 
-@dataclass(frozen=True, eq=False)
-class SwatchState:
-    """State of a swatch of the scene.
-
-    Attributes:
-        swatch: the swatch.
-        source: where it was loaded from; None if it was changed or created here.
-        original: the state that `reset` restores; None for this state.
-    """
+class SwatchState(NamedTuple):
+    """A swatch of the scene, and where it was loaded from, as in `Scene.swatch_source`; None if changed here."""
 
     swatch: Swatch
-    source: Source
-    original: "SwatchState | None" = None
+    source: str | Path | None
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,9 @@ from hapscene.paint.model.history import (
     SwatchState,
     face_count_text,
 )
-from hapscene.paint.model.mesh import Hit, PaintableMesh, pick
-from hapscene.paint.model.visibility import Visibility
+from hapscene.paint.model.mesh import Hit, PaintableMesh, Visibility, pick
 from hapscene.scene.body import Body
-from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, set_subfaces
+from hapscene.scene.fine_paint import paint_faces, paint_region
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Region
 from hapscene.scene.scene import Scene
@@ -42,7 +41,7 @@ class Changes:
         swatches: indices of swatches that are new or whose parameters, name or colour changed.
         swatch_list: whether swatches of the scene were added, removed or renamed.
         bodies: whether bodies were added, deleted or renamed, or have another mesh; `faces` is empty then.
-        poses: whether bodies were moved, attached, hidden or locked.
+        poses: whether bodies were moved, attached or hidden.
     """
 
     faces: dict[int, NDArray[np.int64]]
@@ -90,9 +89,9 @@ class Painting:
         shapes: prepared meshes of the bodies, in their order; bodies with the same mesh share one.
         defaults: swatch of each body that the eraser restores: `Body.made_of`, or the swatch of all its faces at the
             start, or plain.
-        swatches: state of the scene's swatches, with the original that `reset` restores.
+        swatches: the scene's swatches and where they were loaded from.
         history: steps that can be undone and redone.
-        hidden, locked: names of hidden and of locked bodies, which are not painted. Not saved with the scene.
+        hidden: names of hidden bodies, which are not painted. Not saved with the scene.
         lock: held during each change; hold it to read several values consistently.
         clock: returns the time by which successive changes are joined into one step [s].
 
@@ -107,7 +106,6 @@ class Painting:
         self._made: dict[int, PaintableMesh] = {}
         self.shapes = [self.shape_of(body.mesh) for body in scene.bodies]
         self.hidden: set[str] = set()
-        self.locked: set[str] = set()
         for body in scene.bodies:
             set_default_swatch(body)
         self.defaults = [body.made_of or 0 for body in scene.bodies]
@@ -137,7 +135,7 @@ class Painting:
             return found
 
     def note_poses(self) -> None:
-        """Record that bodies were moved, attached, hidden or locked."""
+        """Record that bodies were moved, attached or hidden."""
         self._poses_changed = True
 
     def _note_faces(self, body: int, faces: NDArray[np.integer]) -> None:
@@ -150,10 +148,6 @@ class Painting:
         self._painted_bodies: set[int] = set()
 
     # --- queries ---
-
-    def is_protected(self, body: Body) -> bool:
-        """Whether a body cannot be painted because it is locked or hidden."""
-        return body.name in self.locked or body.name in self.hidden
 
     def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, visible_only: bool = False) -> Hit | None:
         """The nearest point on the surface along a ray; None without a hit. Hidden bodies are ignored.
@@ -272,7 +266,7 @@ class Painting:
         with self.lock:
             step = self._open_step()
             painted = self.scene.bodies[body]
-            if self.is_protected(painted):
+            if painted.name in self.hidden:
                 return 0
             swatch = self.swatch_index(step.swatch, body)
             differs = painted.face_swatch[faces] != swatch
@@ -311,7 +305,7 @@ class Painting:
         with self.lock:
             step = self._open_step()
             painted = self.scene.bodies[body]
-            if self.is_protected(painted):
+            if painted.name in self.hidden:
                 return 0
             before = self._keep_before(step, body)
             swatch = self.swatch_index(step.swatch, body)
@@ -327,33 +321,6 @@ class Painting:
                 del step.before[body]
                 step.changes -= 1
             return len(faces)
-
-    def replace_swatch(self, body: int, old: int) -> int:
-        """Replace a swatch on a body, in faces, subfaces and blends, in the open step; returns the faces reached.
-
-        Raises:
-            SceneError: no step is open.
-        """
-        with self.lock:
-            step = self._open_step()
-            painted = self.scene.bodies[body]
-            if self.is_protected(painted):
-                return 0
-            subfaces = painted.fine or NOTHING
-            undivided = painted.face_swatch == old
-            undivided[subfaces.faces] = False
-            count = self.paint_faces(body, np.flatnonzero(undivided))
-            heavier, lighter, weight = parts(subfaces.paint)
-            uses = (heavier == old) | ((lighter == old) & (weight > 0))
-            if uses.any():
-                self._keep_before(step, body)
-                new, found = self.swatch_index(step.swatch, body), subfaces.of_faces(np.unique(subfaces.face[uses]))
-                heavier, lighter, weight = parts(found.paint)
-                paint = blend(np.where(heavier == old, new, heavier), np.where(lighter == old, new, lighter), weight)
-                set_subfaces(painted, replace(found, paint=paint))
-                self._note_faces(body, found.faces)
-                count += len(found.faces)
-            return count
 
     def _open_step(self) -> _OpenStep:
         if self._open is None:
@@ -463,7 +430,7 @@ class Painting:
             changes = [SwatchDelta(i, self.swatches[i], None) for i in reversed(range(len(wanted), known))]
             for i, new in enumerate(wanted):
                 old = self.swatches[i] if i < known else None
-                if old is None or (old.swatch, old.source) != (new.swatch, new.source):
+                if old != new:
                     changes.append(SwatchDelta(i, old, new))
             bodies: list[BodyDelta] = []
             found: list[FaceDelta | None] = []
@@ -507,10 +474,9 @@ class Painting:
             self.shapes[span] = [self.shape_of(body.mesh) for body in bodies]
             self.defaults[span] = [body.made_of or 0 for body in bodies]
             replaced |= old is None or new is None or old.mesh is not new.mesh or old.name != new.name
-            for names in (self.hidden, self.locked):
-                if old is not None and old.name in names:
-                    names.remove(old.name)
-                    names |= {body.name for body in bodies}
+            if old is not None and old.name in self.hidden:
+                self.hidden.remove(old.name)
+                self.hidden |= {body.name for body in bodies}
         if changes:
             drop_unused_meshes(self._made, self.scene.bodies)
             self.scene.pose_count += 1

@@ -4,7 +4,7 @@ A session needs no browser; the web page is built on it.
 """
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -13,27 +13,137 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.device.model import DeviceLike
 from hapscene.errors import SceneError, no_such
-from hapscene.geometry import rigid
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.document import Document, file_hash
 from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.painting import ERASE, Painting
-from hapscene.paint.model.regions import OrientedBox
-from hapscene.paint.model.strokes import Brush, Stroke
 from hapscene.paint.model.tuning import SwatchTuning
 from hapscene.scene.fine_paint import parts
-from hapscene.scene.region import Region, Sphere
+from hapscene.scene.region import Sphere, Tube
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX
 from hapscene.surface.swatch import Swatch, SwatchLike
 
-__all__ = ["ERASE", "Hit", "Session"]
+__all__ = ["ERASE", "Brush", "Hit", "Session", "Stroke"]
 
-FILLS: Final = ("facet", "whole body", "material", "same swatch")
+FILLS: Final = ("facet", "whole body", "material")
 """What the fill tool fills from a point."""
 
 FACET_RAD: Final = math.radians(10.0)
 """Default angle of a facet for the fill tool [rad]."""
+
+Ray = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Origin (3,) [m] and direction (3,), a unit vector."""
+
+SPLIT_MAX: Final = 64
+"""Largest number of parts of one pointer move [count]: a sweep over the width of a window in steps of 20 pixels."""
+
+STEP_SHARE: Final = 0.5
+"""Longest step between two points of a stroke, in radii of the brush [1]; longer moves are split. On a surface with the
+curvature of the brush, a step then deviates from the surface by 3 % of the radius."""
+
+
+@dataclass(frozen=True)
+class Brush:
+    """Settings of the brush.
+
+    Attributes:
+        radius_m: radius [m].
+        falloff: width of the soft border inside the radius, as a fraction of it [0, 1]; 0 is a sharp border.
+        opacity: weight of the swatch over the present painting [0, 1].
+
+    Raises:
+        SceneError: a setting is out of range.
+    """
+
+    radius_m: float
+    falloff: float = 0.0
+    opacity: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.radius_m) and self.radius_m > 0.0):
+            raise SceneError(f"brush radius {self.radius_m * 1e3:g} mm is out of range: expected more than 0 mm")
+        if not 0.0 <= self.falloff <= 1.0:
+            raise SceneError(f"brush falloff {self.falloff:g} is out of range: expected 0 to 1")
+        if not 0.0 < self.opacity <= 1.0:
+            raise SceneError(f"brush opacity {self.opacity:g} is out of range: expected more than 0, up to 1")
+
+
+class Stroke:
+    """A stroke: begins a step of the painting and paints in it.
+
+    Raises:
+        SceneError: the scene has no such swatch.
+    """
+
+    def __init__(self, painting: Painting, swatch: int | str, brush: Brush) -> None:
+        self._painting, self._brush = painting, brush
+        self._last: Hit | None = None  # last point, and the ray to it
+        self._ray: Ray | None = None
+        self.resume(swatch)
+
+    def resume(self, swatch: int | str) -> None:
+        """Begin another step, after an operation that has ended the step of this stroke."""
+        self._step = self._painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)
+
+    @property
+    def in_progress(self) -> bool:
+        """Whether the step of this stroke is open. Any other operation ends it."""
+        return self._painting.open_step is self._step
+
+    def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
+        """Paint up to the point where a ray from the eye meets the surface: see `Session.drag_to`."""
+        hit = self._painting.pick(origin_W_m, direction_W, visible_only=True)
+        origin, direction = np.asarray(origin_W_m, np.float64), np.asarray(direction_W, np.float64)
+        length = float(np.linalg.norm(direction))
+        if length > 0.0:
+            ray = origin, direction / length
+            if self._ray is not None and all(map(np.array_equal, self._ray, ray)):
+                return hit  # painted already: a release where the button was pressed
+            way: list[Hit | None] = []
+            if self._ray is not None:
+                (o, d), count = self._ray, self._pieces(ray, hit)
+                for share in np.arange(1, count) / count:
+                    between = o + share * (ray[0] - o), d + share * (ray[1] - d)
+                    way.append(self._painting.pick(*between, visible_only=True))
+            self._ray = ray
+            self._draw([*way, hit], origin)
+        return hit
+
+    def _draw(self, way: list[Hit | None], eye_W_m: NDArray[np.float64]) -> None:
+        """Paint from the last point along points, lifting at each None."""
+        line = [self._last] if self._last is not None else []
+        for hit in way:
+            if line and (hit is None or hit.body != line[0].body):
+                if line != [self._last]:
+                    self._paint(line, eye_W_m)
+                line = []
+            if hit is not None:
+                line.append(hit)
+        if line and line != [self._last]:
+            self._paint(line, eye_W_m)
+        self._last = way[-1]
+
+    def _paint(self, line: list[Hit], eye_W_m: NDArray[np.float64]) -> None:
+        """Paint along points on one body."""
+        brush, body, shape = self._brush, line[0].body, self._painting.shapes[line[0].body]
+        falloff_m = brush.falloff * brush.radius_m  # the border is inside the radius
+        points_m = np.array([hit.p_B_m for hit in line])
+        region = Tube(points_m, brush.radius_m - falloff_m / 2)
+        faces = shape.brush([hit.face for hit in line], points_m, brush.radius_m)
+        self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
+
+    def _pieces(self, now: Ray, hit: Hit | None) -> int:
+        """Number of parts into which a move is split."""
+        known = [h for h in (hit, self._last) if h is not None]
+        was = self._ray
+        if not known or was is None:
+            return 1
+        depth_m = max(h.distance_m for h in known)
+        way_m = float(np.linalg.norm(now[0] - was[0])) + depth_m * float(np.linalg.norm(now[1] - was[1]))
+        if len(known) == 2:
+            way_m = max(way_m, float(np.linalg.norm(known[0].p_W_m - known[1].p_W_m)))
+        return int(min(max(math.ceil(way_m / (STEP_SHARE * self._brush.radius_m)), 1), SPLIT_MAX))
 
 
 class Session:
@@ -64,13 +174,6 @@ class Session:
         self.scene, self.shapes, self.defaults = painting.scene, painting.shapes, painting.defaults
         self.history, self.lock = painting.history, painting.lock
         self._stroke: Stroke | None = None
-
-    def __repr__(self) -> str:
-        name = self.path.name if self.path is not None else "without a file"
-        faces = sum(len(body.face_swatch) for body in self.scene.bodies)
-        bodies, swatches = len(self.scene.bodies), len(self.scene.swatches)
-        saved = "not saved" if self.dirty else "saved"
-        return f"<Session {name}: {bodies} bodies, {faces:,} faces, {swatches} swatches, {saved}>"
 
     @classmethod
     def open(cls, path: str | Path, accept_changed: bool = False) -> Self:
@@ -133,7 +236,7 @@ class Session:
         Args:
             swatch: swatch to paint with.
             radius_m: radius of the brush [m].
-            more: falloff, opacity, ignore_occlusion: see `hapscene.paint.model.strokes.Brush`.
+            more: falloff, opacity: see `Brush`.
 
         Raises:
             SceneError: the swatch is unknown, or a setting of the brush is out of range.
@@ -174,8 +277,6 @@ class Session:
         """
         if what == "whole body":
             return self.fill_body(hit.body, swatch)
-        if what == "same swatch":
-            return self.fill_swatch(hit.body, self.swatch_at(hit), swatch)
         shape, degrees = self.shapes[hit.body], math.degrees(angle_rad)
         if what == "material":
             group = shape.mesh.group[hit.face]
@@ -192,22 +293,23 @@ class Session:
         every = np.ones(len(self.shapes[index].normal), np.bool_)
         return self.painting.paint(f"{_verb(swatch)} whole body", {index: every}, swatch)
 
-    def fill_swatch(self, body: int | str, old: int | str, swatch: int | str) -> int:
-        """Replace one swatch by another on a body."""
-        index = self.painting.swatch_index(old)
-        with self.lock:
-            self.painting.begin_step(f"{_verb(swatch)} same swatch", swatch)
-            self.painting.replace_swatch(self.body_index(body), index)
-            return self.painting.end_step()
-
-    def fill_sphere(self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, **more: Any) -> int:
-        """Paint the inside of a sphere; returns the number of faces reached.
+    def fill_sphere(
+        self,
+        centre_W_m: ArrayLike,
+        radius_m: float,
+        swatch: int | str,
+        *,
+        eye_W_m: ArrayLike | None = None,
+        opacity: float = 1.0,
+    ) -> int:
+        """Paint the inside of a sphere in one step, cutting faces; returns the number of faces reached.
 
         Args:
             centre_W_m: (3,) centre [m].
             radius_m: radius [m].
             swatch: swatch to paint with.
-            more: see `fill_region`.
+            eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
+            opacity: weight of the swatch over the present painting [0, 1].
 
         Raises:
             SceneError: the centre or the radius is invalid.
@@ -217,53 +319,14 @@ class Session:
             raise SceneError(f"invalid sphere centre {centre_W_m!r}: expected three finite numbers")
         if not (math.isfinite(radius_m) and radius_m > 0.0):
             raise SceneError(f"sphere radius {radius_m * 1e3:g} mm is out of range: expected more than 0 mm")
-        return self.fill_region(
-            "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, **more
-        )
-
-    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, **more: Any) -> int:
-        """Paint the inside of a box; returns the number of faces reached.
-
-        Args:
-            X_WK: (4, 4) pose of the box: its centre and axes.
-            size_m: (3,) edge lengths [m].
-            swatch: swatch to paint with.
-            more: see `fill_region`.
-
-        Raises:
-            SceneError: the pose is not rigid, or an edge length is invalid.
-        """
-        pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
-        if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
-            raise SceneError(f"invalid box size {size_m!r}: expected three edge lengths above 0 m")
-        return self.fill_region("box", lambda X_BW: OrientedBox(X_BW @ pose, size), swatch, **more)
-
-    def fill_region(
-        self,
-        where: str,
-        region_of: Callable[[NDArray[np.float64]], Region],
-        swatch: int | str,
-        *,
-        eye_W_m: ArrayLike | None = None,
-        opacity: float = 1.0,
-    ) -> int:
-        """Paint the inside of a region in one step, cutting faces; returns the number of faces reached.
-
-        Args:
-            where: description of the region for the user.
-            region_of: returns the region in the frame of a body, given the map (4, 4) from W to that frame.
-            swatch: swatch to paint with.
-            eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
-            opacity: weight of the swatch over the present painting [0, 1].
-        """
         with self.lock:
-            self.painting.begin_step(f"{_verb(swatch)} {where}", swatch)
+            self.painting.begin_step(f"{_verb(swatch)} sphere", swatch)
             count = 0
             for i, body in enumerate(self.scene.bodies):
-                region = region_of(np.asarray(np.linalg.inv(body.X_WB), np.float64))
-                count += self.painting.paint_region(
-                    i, region, self.shapes[i].near(region), opacity=opacity, eye_W_m=eye_W_m
-                )
+                X_BW = np.linalg.inv(body.X_WB)
+                region = Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m)
+                faces = self.shapes[i].near(region)
+                count += self.painting.paint_region(i, region, faces, opacity=opacity, eye_W_m=eye_W_m)
             self.painting.end_step()
             return count
 

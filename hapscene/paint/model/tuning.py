@@ -1,4 +1,4 @@
-"""Swatches of a painting: add, copy, tune within the limits of the device, reset, save to the user's library."""
+"""Swatches of a painting: add, copy, tune within the limits of the device, save to the user's library."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -9,14 +9,13 @@ from typing import Any, Final
 
 from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike, Limits, device_of, limits_of
-from hapscene.errors import EffectError, SceneError, SwatchError, no_such
+from hapscene.errors import EffectError, SceneError, no_such
 from hapscene.paint.model.history import SwatchDelta, SwatchState
 from hapscene.paint.model.painting import Painting
 from hapscene.surface.device_clipping import WALL, ClippedSwatches
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch, SwatchLike
 from hapscene.swatches.library import add, library_folder
-from hapscene.swatches.picture import plain_look
 from hapscene.view.palette import distinct_colours, rgb
 
 __all__ = ["Parameter", "SwatchTuning", "parameters_of", "tuned"]
@@ -64,7 +63,6 @@ class Parameter:
         given: value that is rendered, within the limits of the device.
         unit: unit, such as "N/m"; "1" for a dimensionless parameter.
         minimum, maximum: range of the slider, which contains the value and ends at the limit of the device.
-        reset: value that `reset` restores.
         meaning: description in one sentence.
         applies: whether the parameter has an effect; False for the gain of a texture that the swatch does not have.
         note: explanation if the rendered value differs from the swatch's; else "".
@@ -77,35 +75,32 @@ class Parameter:
     unit: str
     minimum: float
     maximum: float
-    reset: float
     meaning: str
     applies: bool
     note: str
 
 
-def parameters_of(swatch: Swatch, original: Swatch, effects: list[Effect], limits: Limits) -> tuple[Parameter, ...]:
+def parameters_of(swatch: Swatch, effects: list[Effect], limits: Limits) -> tuple[Parameter, ...]:
     """All parameters of a swatch that can be tuned, stiffness first.
 
     Args:
         swatch: the swatch.
-        original: the swatch before it was tuned.
         effects: effects that render it.
         limits: limits of the device.
     """
     alone: Any = SimpleNamespace(swatches=[swatch])
     fit = ClippedSwatches(alone, effects, limits, TICK_S)
     notes = {clip.number: str(clip) for clip in fit.clips(0)}
-    rows: list[tuple[int, str, str, str, float, float, float]] = [
-        (WALL, STIFFNESS, "N/m", "normal force divided by penetration depth", 0.0, math.inf, 0.0)
+    rows: list[tuple[int, str, str, str, float, float]] = [
+        (WALL, STIFFNESS, "N/m", "normal force divided by penetration depth", 0.0, math.inf)
     ]
     for e, effect in enumerate(effects):
         for p in effect.params:
             if p.name not in {row[1] for row in rows}:
-                rows.append((e, p.name, p.unit, p.meaning, p.minimum, p.maximum, p.default))
+                rows.append((e, p.name, p.unit, p.meaning, p.minimum, p.maximum))
     found = []
-    for e, name, unit, meaning, low, high, default in rows:
+    for e, name, unit, meaning, low, high in rows:
         value = fit.asked[0][e, name]
-        effect_name = "" if e == WALL else effects[e].name
         end = min(_held(name, limits), high, SHOWN.get(name, (name, high))[1])
         found.append(
             Parameter(
@@ -116,7 +111,6 @@ def parameters_of(swatch: Swatch, original: Swatch, effects: list[Effect], limit
                 unit=unit,
                 minimum=min(low if math.isfinite(low) else 0.0, value),
                 maximum=max(end if math.isfinite(end) else 2.0 * abs(value) + 1.0, value),
-                reset=original.stiffness_N_m if e == WALL else original.parameter(effect_name, name, default),
                 meaning=meaning,
                 applies=name not in _NEEDS or _NEEDS[name](swatch),
                 note=notes.get(name, ""),
@@ -251,10 +245,9 @@ class SwatchTuning:
 
     def parameters(self, swatch: int | str) -> tuple[Parameter, ...]:
         """Parameters of a swatch that can be tuned, with units and the limits of the device."""
-        now = self._painting.swatches[self._painting.swatch_index(swatch)]
-        original = (now.original or now).swatch
-        found = parameters_of(now.swatch, original, self._effect_list(), self.limits)
-        return tuple(replace(p, applies=False, note=FIXED) for p in found) if now.swatch is PLAIN else found
+        now = self._painting.scene.swatches[self._painting.swatch_index(swatch)]
+        found = parameters_of(now, self._effect_list(), self.limits)
+        return tuple(replace(p, applies=False, note=FIXED) for p in found) if now is PLAIN else found
 
     def tune(self, swatch: int | str, **numbers: float) -> Swatch:
         """Change parameters of a swatch; returns the new swatch. Changes within a second are joined into one step.
@@ -265,58 +258,13 @@ class SwatchTuning:
         """
         with self._painting.lock:
             index = self._tunable(swatch)
-            old = self._painting.swatches[index].swatch
-            new = tuned(old, numbers, self._effect_list())
-            what = f"{', '.join(SHOWN.get(name, (name,))[0] for name in numbers)} of {old.name!r}"
-            return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
-
-    def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
-        """Change the colour of a swatch; returns the new swatch. Changes within a second are joined into one step.
-
-        Raises:
-            SwatchError: the colour is not three numbers from 0 to 1.
-            SceneError: the swatch is plain, which cannot be changed.
-        """
-        with self._painting.lock:
-            index = self._tunable(swatch)
-            old = self._painting.swatches[index].swatch
-            return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
-
-    def set_picture(self, swatch: int | str, albedo_png: bytes) -> Swatch:
-        """Set the picture of a swatch from the content of a PNG file, and its colour to the mean of the picture.
-
-        Raises:
-            SwatchError: the picture is invalid.
-            SceneError: the swatch is plain, which cannot be changed.
-        """
-        with self._painting.lock:
-            index = self._tunable(swatch)
-            old = self._painting.swatches[index].swatch
-            look = replace(old.look or plain_look(old), albedo_png=albedo_png)
-            pixels = look.albedo()
-            if pixels is None:
-                raise SwatchError(f"swatch {old.name!r}: the picture is damaged: expected a PNG file")
-            red, green, blue = (float(c) for c in pixels.mean(axis=(0, 1)))
-            new = replace(old, look=look, albedo_rgb=(red, green, blue))
-            return self._alter(index, new, f"picture of {old.name!r}", ("picture", index))
-
-    def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
-        """Replace a swatch; see `Painting.change` about the key."""
-        old = self._painting.swatches[index]
-        if swatch != old.swatch:
-            new = SwatchState(swatch, None, old.original or old)
-            self._painting.change(what, [SwatchDelta(index, old, new)], key=key)
-        return swatch
-
-    def reset(self, swatch: int | str) -> bool:
-        """Restore the original parameters and colour of a swatch; returns whether it had been changed."""
-        with self._painting.lock:
-            index = self._painting.swatch_index(swatch)
             old = self._painting.swatches[index]
-            if old.original is None:
-                return False
-            self._painting.change(f"reset {old.swatch.name!r}", [SwatchDelta(index, old, old.original)])
-            return True
+            new = tuned(old.swatch, numbers, self._effect_list())
+            if new != old.swatch:
+                what = f"{', '.join(SHOWN.get(name, (name,))[0] for name in numbers)} of {new.name!r}"
+                delta = SwatchDelta(index, old, SwatchState(new, None))
+                self._painting.change(what, [delta], key=("tune", index, *sorted(numbers)))
+            return new
 
     def save_swatch_as(self, swatch: int | str, name: str) -> Path:
         """Save a swatch to the user's library under a new name and rename it in the scene; returns the file.
@@ -337,16 +285,6 @@ class SwatchTuning:
             what = f"save {old.swatch.name!r} as {name!r}"
             self._painting.change(what, [SwatchDelta(index, old, SwatchState(named, file.resolve()))])
             return file
-
-    def detach_from_library(self, name: str) -> None:
-        """Store a swatch with the scene from now on, because its library file was moved or deleted."""
-        with self._painting.lock:
-            index = self._painting.swatch_named(name)
-            old = None if index is None else self._painting.swatches[index]
-            if index is not None and old is not None and isinstance(old.source, Path):
-                self._painting.end_step()
-                new = replace(old, source=None)
-                self._painting.change(f"keep {name!r} in the scene", [SwatchDelta(index, old, new)])
 
     def _tunable(self, swatch: int | str) -> int:
         index = self._painting.swatch_index(swatch)

@@ -39,7 +39,7 @@ UNITS: Final = ("mm", "cm", "m", "in")
 """Units offered for a mesh whose file has no unit."""
 
 ASK_MAX: Final = 3
-"""Largest number of questions about the size of bodies [count]; for more bodies, the tab shows the advice."""
+"""Largest number of questions about the size of bodies [count]."""
 
 AXES: Final = "xyz"
 
@@ -64,14 +64,12 @@ class BodyPanel:
         self._acts: Mapping[str, Callable[[str, str], object]] = {
             "choose": self._choose,
             "hide": lambda name, _: self._composing.hide(name, name not in context.session.painting.hidden),
-            "lock": lambda name, _: self._composing.lock(name, name not in context.session.painting.locked),
             "copy": lambda name, _: self._select(self._composing.copy(name)),
             "delete": lambda name, _: self._composing.delete(name),
             "handles": self._toggle_handles,
             "name": self._rename,
             "parent": lambda name, value: self._composing.attach(name, value or None),
             "scale": lambda name, value: self._scale(name, _number(value) / self._composing.scale_of(name)),
-            "fit": lambda name, value: self._fit(name, _number(value)),
             **{f"position {axis}": self._move_to for axis in AXES},
             **{f"rotation {axis}": self._turn_to for axis in AXES},
             **{f"size {axis}": self._resize for axis in AXES},
@@ -99,9 +97,8 @@ class BodyPanel:
             self.chosen = None
         set_html(self._tree, self._tree_html())
         set_html(self._fields, "" if self.chosen is None else self._fields_html(bodies[self.chosen]))
-        locked = self.chosen in self._context.session.painting.locked
         if not self.dragging:
-            body = None if self.chosen is None or locked or not self._handles else bodies[self.chosen]
+            body = None if self.chosen is None or not self._handles else bodies[self.chosen]
             self._context.view.show_handles(None if body is None else body.X_WB @ _middle(body), self._drag)
 
     # --- actions ---
@@ -280,25 +277,13 @@ class BodyPanel:
         painting, tree = self._context.session.painting, self._composing.tree()
         rows = []
         for body, depth in tree[:ROW_MAX]:
-            name, hidden, locked = escape_html(body.name), body.name in painting.hidden, body.name in painting.locked
+            name, hidden = escape_html(body.name), body.name in painting.hidden
             row = _button("choose", name, name, body.name == self.chosen, f"{len(body.mesh.faces):,} faces")
-            marks = _button(
-                "hide",
-                "Show" if hidden else "Hide",
-                name,
-                hidden,
-                "Hidden bodies are neither drawn nor painted",
-            )
-            marks += _button(
-                "lock",
-                "Unlock" if locked else "Lock",
-                name,
-                locked,
-                "Locked bodies are neither painted nor moved",
-            )
+            hint = "Hidden bodies are neither drawn nor painted"
+            row += _button("hide", "Show" if hidden else "Hide", name, hidden, hint)
             rows.append(
                 f'<div role="treeitem" aria-level="{depth + 1}" aria-selected="{aria(body.name == self.chosen)}" '
-                f'style="--depth:{depth}"{" class=off" * hidden}>{row}{marks}</div>'
+                f'style="--depth:{depth}"{" class=off" * hidden}>{row}</div>'
             )
         if len(tree) > ROW_MAX:
             rows.append(f"<div>… and {len(tree) - ROW_MAX:,} more</div>")
@@ -307,7 +292,7 @@ class BodyPanel:
             f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
             f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, STEP …">Add meshes…</button>'
             '</p><p class="dim">You can also drop mesh files onto the page. They are copied to the folder of the scene.'
-            '</p><p class="dim">Hiding and locking are not saved with the scene and cannot be undone.</p></div>'
+            '</p><p class="dim">Hiding is not saved with the scene and cannot be undone.</p></div>'
         )
 
     def _fields_html(self, body: Body) -> str:
@@ -332,25 +317,18 @@ class BodyPanel:
             ("Scale", _field("scale", name, self._composing.scale_of(body.name))),
         ]
         table = "".join(f"<tr><th>{label}</th><td>{field}</td></tr>" for label, field in rows)
-        device = self._context.touch.config.limits
-        advice, hint = size_advice(body.mesh, device), ""
-        if advice.scale is not None:
-            fitting = dimensions(advice.scale * size_m)
-            hint = f'<p class="dim">The body is {escape_html(advice.size)}. '
-            hint += _button("fit", f"Scale to {fitting}", name, None, escape_html(advice.words), f"{advice.scale!r}")
-            hint += "</p>"
         buttons = [
             _button("copy", "Copy", name, None, "Add a copy next to this body"),
             _button("delete", "Delete", name, None, "Delete this body"),
             _button("handles", "Handles", name, self._handles, "Show arrows and rings that move and rotate the body"),
         ]
-        return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
+        return f'<div class="hs-bodies"><table>{table}</table><p>{"".join(buttons)}</p></div>'
 
 
-def _button(act: str, text: str, name: str, pressed: bool | None, title: str, value: str = "") -> str:
+def _button(act: str, text: str, name: str, pressed: bool | None, title: str) -> str:
     """HTML of a button; all texts must be escaped."""
     held = "" if pressed is None else f' aria-pressed="{aria(pressed)}"'
-    return f'<button data-body-act="{act}" data-body="{name}" value="{value}" title="{title}"{held}>{text}</button>'
+    return f'<button data-body-act="{act}" data-body="{name}" title="{title}"{held}>{text}</button>'
 
 
 def _field(act: str, name: str, value: float) -> str:

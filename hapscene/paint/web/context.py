@@ -101,7 +101,8 @@ class PageContext:
             choices: label, colour and action of each answer. Enter chooses the first, which must lose no data. The
                 dialog stays open after an action that returns True.
         """
-        modal = self.open_dialog(title)
+        modal = self.gui.add_modal(title)
+        self.questions.append(modal)
 
         def answer(act: Callable[[], object]) -> Callback:
             async def done(target: object) -> None:
@@ -110,7 +111,9 @@ class PageContext:
                     await result
                 elif result is True:
                     return
-                self.close_dialog(modal)
+                if modal in self.questions:  # not closed meanwhile
+                    self.questions.remove(modal)
+                    modal.close()
 
             return self.callback(done)
 
@@ -119,23 +122,10 @@ class PageContext:
             for label, colour, act in choices:
                 self.gui.add_button(label, color=colour).on_click(answer(act))
 
-    def open_dialog(self, title: str) -> "GuiModalHandle":
-        """Open an empty dialog. Escape closes it."""
-        self.questions.append(self.gui.add_modal(title))
-        return self.questions[-1]
-
-    def close_dialog(self, dialog: "GuiModalHandle") -> None:
-        """Close a dialog unless it is closed already."""
-        if dialog in self.questions:
-            self.questions.remove(dialog)
-            dialog.close()
-
-    def dismiss(self) -> bool:
-        """Close the topmost dialog without an answer; returns whether there was one."""
+    def dismiss(self) -> None:
+        """Close the topmost dialog without an answer."""
         if self.questions:
             self.questions.pop().close()
-            return True
-        return False
 
     def downloading(self, make: Callable[[], Awaitable[tuple[str, bytes]]]) -> Callback:
         """A viser callback that makes the browser of the user download a file, given by name and content."""

@@ -1,8 +1,8 @@
-"""The tab File: save, recover, export and share the scene."""
+"""The tab File: save, recover, export and download the scene."""
 
 import asyncio
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -15,30 +15,17 @@ from hapscene.scene.scene_file import SUFFIX
 
 __all__ = ["FilePanel"]
 
-PRIVATE: Final = (
-    "This page can only be opened on this computer. To share it on your network, start it with "
-    "<code>--host 0.0.0.0</code>."
-)
-PUBLIC: Final = (
-    "Anyone on your network with this address can paint, touch, overwrite your files and change your library. The "
-    "address contains a token that changes with each start; share it only with people you trust."
-)
-ADDRESS: Final = (
-    '<input readonly aria-label="Address" style="display:block;width:100%" value="{}" onfocus="this.select()">'
-)
-
 AUTOSAVED: Final = "Unsaved changes are backed up every second and can be recovered after a crash."
 
 
 class FilePanel:
-    """Controls for saving, recovery, export, and sharing.
+    """Controls for saving, recovery, export and download.
 
     Args:
         path: present scene file.
-        addresses: addresses that open the page from other computers; empty if it is private.
     """
 
-    def __init__(self, context: PageContext, container: Container, path: Path, addresses: Sequence[str]) -> None:
+    def __init__(self, context: PageContext, container: Container, path: Path) -> None:
         self._context = context
         self._path = path
         self._losses_of: object = None  # format and state of the scene for which the losses are shown
@@ -55,12 +42,9 @@ class FilePanel:
                 gui.add_button("Export", hint="Export to the file above").on_click(callback(self._export))
                 self._format.on_update(callback(lambda target: self._show_format()))
                 self._show_format()
-            with gui.add_folder("Share", expand_by_default=False):
                 hint = f"Scene, meshes and swatches in one file, NAME{ZIP_SUFFIX}, for hapscene paint"
                 down = gui.add_button("Download scene", hint=hint)
                 down.on_click(context.downloading(self._bundle))
-                links = "".join(ADDRESS.format(escape_html(url)) for url in addresses)
-                gui.add_html(card_html(f"{PUBLIC}{links}" if addresses else PRIVATE))
 
     def show(self) -> None:
         """Update the status of saving and autosave."""

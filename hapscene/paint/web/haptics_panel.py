@@ -11,8 +11,6 @@ from hapscene.paint.model.composing import numbered
 from hapscene.paint.model.tuning import Parameter
 from hapscene.paint.web.context import ClientContext, Control, PageContext, bounded, card_html, escape_html, set_html
 from hapscene.paint.web.hand import COMPENSATOR_HINTS, GRIP_NAMES, HAND_DEVICES
-from hapscene.paint.web.view import rgb_bytes
-from hapscene.surface.swatch import Swatch
 
 __all__ = ["HandPanel", "ParameterPanel"]
 
@@ -106,7 +104,7 @@ class ParameterPanel:
         swatch = context.session.scene.swatches[index]
         shape = (index, swatch.name, context.session.tuning.device, *((p.name, p.minimum, p.maximum) for p in found))
         if shape != self._shown:
-            self._make(found, swatch)
+            self._make(found, swatch.name)
             self._shown = shape
         device = escape_html(context.session.tuning.device)
         text = (
@@ -120,11 +118,9 @@ class ParameterPanel:
             slider = self._sliders[p.name]
             if slider.value != _rounded(p.value):
                 slider.value = _rounded(p.value)
-        if found and tuple(self._colour.value) != rgb_bytes(swatch.albedo_rgb):
-            self._colour.value = rgb_bytes(swatch.albedo_rgb)
 
-    def _make(self, found: list[Parameter], swatch: Swatch) -> None:
-        gui, callback, name = self._context.gui, self._context.callback, swatch.name
+    def _make(self, found: list[Parameter], name: str) -> None:
+        gui, callback = self._context.gui, self._context.callback
         self._clear()
         with self._container:
             self._folder = gui.add_folder(
@@ -142,17 +138,12 @@ class ParameterPanel:
                     max=max(math.floor(p.maximum / step + 1e-9) * step, _rounded(p.value)),
                     step=step,
                     initial_value=_rounded(p.value),
-                    hint=f"{_capital(p.meaning)}. Default: {p.reset:.4g}",
+                    hint=f"{_capital(p.meaning)}",
                 )
                 slider.precision = FIGURES  # by default, the field would round to the step
                 slider.on_update(callback(partial(self._tune, p)))
                 self._sliders[p.name] = slider
         with self._folder:
-            if found:
-                self._colour = gui.add_rgb(
-                    "Colour", rgb_bytes(swatch.albedo_rgb), hint="Colour in the view and in exported files"
-                )
-                self._colour.on_update(callback(self._recolour))
             taken = [known.name for known in self._context.session.scene.swatches]
             own = name if name.startswith("my ") else f"my {name}"
             self._name = gui.add_text("New name", numbered(own, taken))
@@ -173,15 +164,6 @@ class ParameterPanel:
             ratio = swatch.friction_static / swatch.friction_dynamic if swatch.friction_dynamic > 0.0 else 1.0
             numbers["friction_static"] = max(ratio, 1.0) * value
         self._context.session.tune(tools.ensure_swatch(), **numbers)
-
-    def _recolour(self, target: Control) -> None:
-        red, green, blue = target.value
-        colour = red / 255, green / 255, blue / 255
-        self._context.session.tuning.recolour(self._context.tools.ensure_swatch(), colour)
-
-    def _reset(self, target: Control) -> None:
-        if not self._context.session.tuning.reset(self._context.tools.ensure_swatch()):
-            self._context.say("The parameters already have their original values.")
 
     def _copy(self, target: Control) -> None:
         session, name = self._context.session, self._new_name()
@@ -219,7 +201,6 @@ def _rounded(value: float) -> float:
 BUTTONS: Final = (
     ("Copy", "Add a copy of the swatch to the scene; painted faces keep the present swatch", ParameterPanel._copy),
     ("Save as new", "Save the swatch to your library under the new name", ParameterPanel._save),
-    ("Reset", "Restore the original parameters and colour", ParameterPanel._reset),
 )
 
 

@@ -3,7 +3,6 @@
 import { newCursor } from "/hapscene-cursor.js";
 import { newGrain } from "/hapscene-grain.js";
 import { newKeyList } from "/hapscene-keys.js";
-import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
 import { limitSoftwareGl } from "/hapscene-software_gl.js";
 import { newStamp } from "/hapscene-stamp.js";
@@ -14,12 +13,10 @@ const drawLess = limitSoftwareGl();  // before viser makes its canvas
 const TOOLS = [
   ["brush", "Brush", "1", "Paint with the selected swatch: Shift + drag"],
   ["fill", "Fill", "2", "Fill a facet, a body or a material: Shift + click"],
-  ["box", "Box", "3", "Paint inside a box: Shift + drag between opposite corners"],
-  ["sphere", "Sphere", "4", "Paint inside a sphere: Shift + drag outward from the centre"],
-  ["eraser", "Eraser", "5", "Restore the default swatch: Shift + drag"],
-  ["pick", "Pick", "6", "Select the swatch under the pointer: Shift + click"],
-  ["touch", "Touch", "7", "Stroke the surface with a simulated hand: Shift + drag"],
-  ["lasso", "Lasso", "8", "Paint the visible surface inside an outline: Shift + drag"],
+  ["sphere", "Sphere", "3", "Paint inside a sphere: Shift + drag outward from the centre"],
+  ["eraser", "Eraser", "4", "Restore the default swatch: Shift + drag"],
+  ["pick", "Pick", "5", "Select the swatch under the pointer: Shift + click"],
+  ["touch", "Touch", "6", "Stroke the surface with a simulated hand: Shift + drag"],
 ];
 const VIEWS = ["front", "back", "left", "right", "top", "bottom", "perspective"];  // Shift 1 to 7
 const LOST = "Connection lost. Your changes are kept. If the connection is not restored within some seconds, start hapscene paint again and open the address that it prints.";
@@ -31,7 +28,7 @@ const HINT = TOUCH_SCREEN ? [
 ] : [
   "Select a swatch on the right; ▶ plays its sound.",
   "Hold <b>Shift</b> and drag on the surface to paint. Drag to rotate the view, scroll to zoom.",
-  "Press <b>7</b>, then hold Shift and drag to touch the surface. <b>Ctrl S</b> saves.",
+  "Press <b>6</b>, then hold Shift and drag to touch the surface. <b>Ctrl S</b> saves.",
 ];
 const forFingers = (text) => TOUCH_SCREEN ? text.replace("Shift + drag", "Draw on, then drag").replace("Shift + click", "Draw on, then tap") : text;
 const DARK = matchMedia("(prefers-color-scheme: dark)");
@@ -262,7 +259,6 @@ const cursor = newCursor({
 });
 root.append(bar, make("div", { id: "hs-space" }, hint, views), toast, monitor, cursor.node);
 const updateTip = showTips(tip, () => state.hints ?? {});
-const outline = showOutline(canvas);
 let toastTimer = null;
 function say(text, kind, for_ms = kind === "error" ? 9000 : 4000) {
   toast.textContent = text;
@@ -294,7 +290,6 @@ function show() {
   if (state.undo && !show.painted) { show.painted = true; hint.hidden = true; }  // after the first stroke
   document.title = `${state.dirty ? "• " : ""}${state.title} – hapscene paint`;
   status.textContent = state.status || "";
-  outline(state.outline);
   const c = canvas();
   if (c) c.style.cursor = state.tool === "touch" ? "crosshair" : "";
 }

@@ -8,7 +8,7 @@ swatch, brush and theme.
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -34,11 +34,10 @@ from hapscene.paint.web.socket import (
     number,
     pointer_of,
 )
-from hapscene.paint.web.swatch_panel import LOOK, SwatchPanel
+from hapscene.paint.web.swatch_panel import SwatchPanel
 from hapscene.paint.web.tool_panel import ToolPanel
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.view import VIEWS, SceneView, ToolMarks
-from hapscene.surface.swatch_file import SUFFIX as SWATCH_SUFFIX
 from hapscene.view.feel_layer import SHOWS
 
 __all__ = ["HOST", "PORT", "Page"]
@@ -122,9 +121,7 @@ class Page:
         self.server = self._served.viser
         self._loop = self.server.get_event_loop()
         self._socket = PageSocket(self._act, self._state)
-        uploads = Uploads(self._socket.say)
-        uploads.take((*MESHES, *BESIDE), lambda files, _: self._body_panel.take(files))
-        uploads.take((SWATCH_SUFFIX, LOOK), self._take_swatches)
+        uploads = Uploads(self._socket.say, (*MESHES, *BESIDE), lambda files: self._body_panel.take(files))
         self._served.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: uploads.serve}
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
@@ -162,9 +159,9 @@ class Page:
         return self.context.session.path
 
     @property
-    def public(self) -> bool:
-        """Whether other computers can reach the page."""
-        return self._served.public
+    def network_url(self) -> str | None:
+        """Address of the page for other computers; None if they cannot reach it."""
+        return self._served.network_url
 
     def __enter__(self) -> "Page":
         self._start(self._monitor.run())
@@ -238,12 +235,6 @@ class Page:
         for panels in self.clients.values():
             panels.context.tools.finish()
 
-    async def _take_swatches(self, files: Sequence[Path], client: int) -> None:
-        """Handle uploaded swatches or a picture, unless the page that sent them was closed."""
-        if client in self.clients:
-            swatches = self.clients[client].swatches
-            await (swatches.take_picture if files[0].suffix.lower() == LOOK else swatches.take)(files)
-
     async def _act(self, message: Message) -> None:
         """Handle a message of the page."""
         panels = self.clients.get(client_of(message))
@@ -287,7 +278,7 @@ class Page:
             "undo": lambda _: self._step_back("undo", client),
             "redo": lambda _: self._step_back("redo", client),
             "tool": lambda m: tools.choose_tool(m["name"]) if m.get("name") in TOOLS else None,
-            "dismiss": lambda _: client.dismiss() or self.context.dismiss(),
+            "dismiss": lambda _: self.context.dismiss(),
             "theme": lambda m: client.gui.configure_theme(dark_mode=m.get("dark") is True, **THEME),
             "view": lambda m: self._look(m, client),
             "layers": lambda _: self._next_layers(client),
@@ -347,7 +338,6 @@ class Page:
             "hints": button_hints(self.server.gui, panels.context.gui),
             "title": self._path.name,
             "status": self._monitor.status,
-            "outline": tuple(tools.outline.corners),
             "grain": self.context.view.grain,
             "brush": tools.stamp(),
             "hand": self.context.touch.status,
@@ -370,7 +360,7 @@ class Page:
             gui.add_html('<span class="hs-sticky"></span>')  # keeps the next folder in place while the swatches scroll
         self._body_panel = BodyPanel(self.context, bodies)
         HandPanel(self.context, self._haptics)
-        self._file_panel = FilePanel(self.context, file, self._path, self._served.addresses())
+        self._file_panel = FilePanel(self.context, file, self._path)
         gui.set_panel_label(self._path.name)
         self._file_panel.offer_recovery()
 
@@ -383,7 +373,7 @@ class Page:
             marks = ToolMarks(client.scene, common.view, common.session.painting)
             tools = self._parted.pop() if self._parted else Tools(common.session, common.view, common.touch)
             tools.attach(marks, lambda text: self._socket.say(text, "", name))
-            own = ClientContext(**vars(common) | {"questions": []}, client=client, tools=tools)
+            own = ClientContext(**vars(common), client=client, tools=tools)
             panels = ToolPanel(own, self._paint), SwatchPanel(own, self._paint), ParameterPanel(own, self._haptics)
             self.clients[name] = ClientPanels(own, *panels)
             client.gui.add_html(f'<span id="hs-client" data-id="{name}" hidden></span>')

@@ -25,13 +25,13 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from hapscene.errors import ViewError
-from hapscene.web.listener import refusal_reason
+from hapscene.web.server import refusal_reason, url_host
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-__all__ = ["SOCKET_PATH", "PageServer", "button_hints", "host_names", "own_addresses"]
+__all__ = ["SOCKET_PATH", "PageServer", "button_hints", "host_names"]
 
 SOCKET_PATH: Final = "/hapscene"
 """Path of the WebSocket for `PageSocket`; all other paths belong to viser."""
@@ -160,22 +160,16 @@ class PageServer:
     def url(self) -> str:
         """Address of the page with its token, which gives full access."""
         host = self.viser.get_host()
-        return self._address({"0.0.0.0": "localhost", "::": "localhost"}.get(host, host))
-
-    def addresses(self) -> list[str]:
-        """Addresses that open the page from other computers; empty if it is private."""
-        host = self.viser.get_host()
-        return [
-            self._address(name) for name in (own_addresses() if host in ("0.0.0.0", "::") else [host]) if self.public
-        ]
+        return self._address("localhost" if host in ("0.0.0.0", "::") else host)
 
     @property
-    def public(self) -> bool:
-        """Whether other computers can reach the page."""
-        return self.viser.get_host() not in LOOPBACK
+    def network_url(self) -> str | None:
+        """Address of the page for other computers, with its token; None if they cannot reach the page."""
+        host = self.viser.get_host()
+        return None if host in LOOPBACK else self._address(host)
 
-    def _address(self, name: str) -> str:
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.viser.get_port()}/{self._token}/"
+    def _address(self, host: str) -> str:
+        return f"http://{url_host(host)}:{self.viser.get_port()}/{self._token}/"
 
     @contextlib.contextmanager
     def _guarding(self, public: bool) -> Iterator[None]:
@@ -255,17 +249,6 @@ def _static_files() -> Mapping[str, Answer]:
             path = "/hapscene" + ("" if name == "page" else f"-{name}")
             found[f"{path}.{suffix}"] = http.HTTPStatus.OK, MIME_TYPES[suffix], file.read_bytes()
     return found
-
-
-def own_addresses() -> list[str]:
-    """IPv4 addresses of this computer, the most likely one for other computers first."""
-    found = []
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect(("192.0.2.1", 9))  # sends nothing: it selects the address of the default route
-        found.append(probe.getsockname()[0])
-    with contextlib.suppress(OSError):
-        found += [place[4][0] for place in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
-    return [name for name in dict.fromkeys(found) if name not in LOOPBACK and not name.startswith("127.")]
 
 
 def button_hints(*guis: Any) -> dict[str, str]:

@@ -172,85 +172,76 @@ UPLOADS_MAX: Final = 4
 
 INVALID_LIST: Final = "Invalid upload: expected a list of files."
 
-Take = Callable[[Sequence[Path], int], Awaitable[None]]
-"""Handles uploaded files with certain suffixes, and the number of the page; the files are deleted when it returns."""
-
 
 class Uploads:
-    """Receives uploaded files and passes them to handlers by suffix.
+    """Receives uploaded files.
 
     Args:
         say: shows a message on the page; the second argument is "error" or "".
+        suffixes: accepted suffixes; files with another one are ignored.
+        take: handles the files of an upload, which are deleted when it returns.
     """
 
-    def __init__(self, say: Callable[[str, str], None]) -> None:
-        self._say = say
-        self._takers: list[tuple[tuple[str, ...], Take]] = []
+    def __init__(
+        self,
+        say: Callable[[str, str], None],
+        suffixes: Sequence[str],
+        take: Callable[[Sequence[Path]], Awaitable[None]],
+    ) -> None:
+        self._say, self._suffixes, self._take = say, suffixes, take
         self._running = 0
 
-    def take(self, suffixes: Sequence[str], taker: Take) -> None:
-        """Register the handler of files with these suffixes."""
-        self._takers.append((tuple(suffixes), taker))
-
     async def serve(self, connection: "ServerConnection") -> None:
-        """Receive one upload and pass its files to their handlers."""
+        """Receive one upload and pass on its files."""
         if self._running >= UPLOADS_MAX:
             self._say("Too many uploads at the same time: wait until they finish, then try again.", "error")
             return
         self._running += 1
         folder = Path(tempfile.mkdtemp(prefix="hapscene-"))
         try:
-            files, client = await self._receive(connection, folder)
-            if files:
+            if files := await self._receive(connection, folder):
                 await connection.close()
-                for _, taker in self._takers:
-                    if mine := [file for file in files if self._taker(file) is taker]:
-                        await taker(mine, client)
+                await self._take(files)
         except (HapsceneError, OSError) as error:
             self._say(str(error), "error")
         finally:
             self._running -= 1
             shutil.rmtree(folder, ignore_errors=True)
 
-    async def _receive(self, connection: "ServerConnection", folder: Path) -> tuple[list[Path], int]:
-        """The files of an upload, empty if it was interrupted or invalid, and the number of the page."""
+    async def _receive(self, connection: "ServerConnection", folder: Path) -> list[Path]:
+        """The accepted files of an upload; empty if it was interrupted or invalid."""
         from websockets.exceptions import ConnectionClosed
 
         with contextlib.suppress(ConnectionClosed):
-            parsed = parse_file_list(await connection.recv())
-            if isinstance(parsed, str):
-                self._say(parsed, "error")
-                return [], -1
-            wanted, client = parsed
-            if not any(self._taker(Path(name)) for name in wanted):
-                known = ", ".join(sorted({suffix for suffixes, _ in self._takers for suffix in suffixes}))
+            wanted = parse_file_list(await connection.recv())
+            if isinstance(wanted, str):
+                self._say(wanted, "error")
+                return []
+            accepted = [name for name in wanted if Path(name).suffix.lower() in self._suffixes]
+            if not accepted:
+                known = ", ".join(self._suffixes)
                 self._say(f"{short(next(iter(wanted)))}: unsupported file type; expected {known}.", "error")
-                return [], -1
+                return []
             for name, size in wanted.items():
                 with (folder / name).open("wb") as file:
                     left = size
                     while left > 0:
                         data = await connection.recv()
                         if not isinstance(data, bytes) or not 0 < len(data) <= left:
-                            return [], -1
+                            return []
                         file.write(data)
                         left -= len(data)
-            return [folder / name for name in wanted], client
+            return [folder / name for name in accepted]
         self._say("The upload was interrupted: try again.", "error")
-        return [], -1
-
-    def _taker(self, file: Path) -> Take | None:
-        suffix = file.suffix.lower()
-        return next((taker for suffixes, taker in self._takers if suffix in suffixes), None)
+        return []
 
 
-def parse_file_list(text: object) -> tuple[Mapping[str, int], int] | str:
-    """Names and sizes of the files of an upload, and the number of the page; or an error message."""
+def parse_file_list(text: object) -> Mapping[str, int] | str:
+    """Names and sizes of the files of an upload; or an error message."""
     try:
         if not isinstance(text, str) or len(text) > 100_000:
             return INVALID_LIST
-        message = json.loads(text)
-        files = message["files"]
+        files = json.loads(text)["files"]
         wanted = {safe_name(str(file["name"])): file["size"] for file in files}
     except (ValueError, TypeError, KeyError, RecursionError):
         return INVALID_LIST
@@ -260,7 +251,7 @@ def parse_file_list(text: object) -> tuple[Mapping[str, int], int] | str:
         return INVALID_LIST
     if sum(wanted.values()) > BYTES_MAX:
         return f"The files are too large: at most {BYTES_MAX >> 20} MiB can be uploaded; use hapscene paint FILE."
-    return wanted, client_of(message)
+    return wanted
 
 
 def safe_name(name: str) -> str:

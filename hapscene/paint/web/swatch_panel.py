@@ -1,30 +1,28 @@
-"""The swatch library panel of the tab Paint: search, play, select, edit and import swatches."""
+"""The swatch library panel of the tab Paint: search, play and select swatches."""
 
 import asyncio
 import base64
-import re
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from itertools import chain, count
-from pathlib import Path
 from typing import Final
 
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
-from hapscene.paint.web.context import ClientContext, Container, Control, aria, card_html, escape_html, set_html
+from hapscene.paint.web.context import ClientContext, Container, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
-from hapscene.scene.material import read_picture
-from hapscene.surface.look import Look, picture_png
 from hapscene.surface.swatch import Swatch, touched_with
+<<<<<<< HEAD
 from hapscene.surface.swatch_file import SUFFIX, read_swatch
 from hapscene.surface.swatch_summary import Phrase
 from hapscene.swatches import library
+=======
+>>>>>>> cutpaint
 from hapscene.swatches.picture import ball_png
 from hapscene.swatches.sound import swatch_sound
 from hapscene.view.palette import rgb
 
-__all__ = ["LOOK", "SwatchPanel"]
+__all__ = ["SwatchPanel"]
 
 CARD_MAX: Final = 60
 """Largest number of swatches shown at once [count]; the search finds the others."""
@@ -32,20 +30,8 @@ CARD_MAX: Final = 60
 BALLS_AT_ONCE: Final = 9
 """Number of preview spheres that are rendered before the list is updated [count]: one screen."""
 
-LOOK: Final = ".look"
-"""Suffix that the page adds to an uploaded picture for the selected swatch."""
-
 Key = tuple[str, str, int, str | None]
 """What a preview depends on; the last item is the colour."""
-
-DELETE: Final = "Delete"
-CONFIRM_DELETE: Final = "Delete permanently? Scenes that use it will lack it"
-
-IMPORT: Final = (
-    f'<div class="hs-library-bar"><button type="button" data-upload="{SUFFIX}" title="Add swatch files to your '
-    'library. You can also drop them onto the page">Import…</button></div>'
-)
-"""HTML of the import button."""
 
 PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
 
@@ -68,7 +54,6 @@ class SwatchPanel:
                 "Search", "", hint="A name, a word, a source or a bound: rough, computed, friction<0.3"
             )
             self._search.on_update(callback(lambda target: self.show()))
-            gui.add_html(IMPORT)
             self._detail = gui.add_html("")
             self._list = gui.add_html("")
             self._rest = gui.add_html("")
@@ -166,30 +151,16 @@ class SwatchPanel:
         )
 
     def _detail_html(self, card: Card) -> str:
-        """HTML of the description and the actions of the selected swatch."""
+        """HTML of the description of the selected swatch."""
         try:
             lines = [f"{escape_html(p.word)} {_figure_html(p)}" for p in card.phrases]
         except SwatchError as error:
             lines = [escape_html(str(error))]
         name, tags = escape_html(card.name), "".join(f" · {escape_html(tag)}" for tag in card.entry.tags)
-        acts = [
-            ("play", "▶ Play", "Play the sound of a tap and a stroke"),
-            *([("edit", "Edit…", "Change name, tags and folder, or delete the swatch")] if card.own else []),
-        ]
-        buttons = "".join(
-            f'<button type="button" data-library="{act}" data-name="{name}" aria-label="{word.strip("▶ ")} {name}" '
-            f'title="{tip}">{word}</button>'
-            for act, word, tip in acts
-        )
-        buttons += (
-            f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="Set a picture of the surface, '
-            f'{1e3 * Look.size_m:g} mm wide. You can also drop one here">Picture…</button>'
-        )
-        place = f"your library: {card.folder}" if card.place == "yours" and card.folder else PLACES[card.place]
-        where = escape_html(" · ".join(filter(None, (place, touched_with(card.entry))))) + tags
+        where = escape_html(" · ".join(filter(None, (PLACES[card.place], touched_with(card.entry))))) + tags
         return (
-            f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
-            f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{buttons}</div></div>"
+            f'<div class="hs-swatch chosen"><div><b>{name}</b> <span class="dim">{where} · '
+            f"selected</span><br>{'<br>'.join(lines)}</div></div>"
         )
 
     def _colour(self, card: Card) -> str:
@@ -219,13 +190,11 @@ class SwatchPanel:
             self._use(self._card(message.get("name")))
         elif what == "play":
             await self._play(self._card(message.get("name")))
-        elif what == "edit":
-            self._edit(self._card(message.get("name")))
 
     def _use(self, card: Card) -> None:
         tools = self._context.tools
         tools.choose_swatch(card.name, card.source)  # added to the scene by the first stroke, as part of its step
-        if tools.name not in ("brush", "fill", "box", "sphere"):
+        if tools.name not in ("brush", "fill", "sphere"):
             tools.choose_tool("brush")
 
     async def _play(self, card: Card) -> None:
@@ -234,77 +203,6 @@ class SwatchPanel:
         self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain, self._context.client.client_id)
         silent = f"{card.name} makes no sound: it has neither a texture nor taps."
         self._context.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
-
-    def _edit(self, card: Card) -> None:
-        """Open a dialog to rename, tag, move or delete a swatch of the user's library."""
-        if card.own is None:
-            raise SwatchError(f"{card.name!r} is not in your library: use Save as new in the tab Haptics first")
-        gui, callback = self._context.gui, self._context.callback
-        modal = self._context.open_dialog(f"Edit {card.name}")
-
-        def save(target: object) -> None:
-            new = str(name.value).strip()
-            tagged = str(tags.value).split(",")
-            library.edit(card.name, new_name=new, tags=tagged, inside=str(folder.value).strip())
-            self._let_go(card, new)
-            self._context.close_dialog(modal)
-
-        def delete(target: Control) -> None:
-            if target.label == DELETE:
-                target.label = CONFIRM_DELETE
-                return
-            library.remove(card.name)
-            self._let_go(card, card.name)
-            self._context.say(f"Deleted {card.name!r} from your library.")
-            self._context.close_dialog(modal)
-
-        with modal:
-            name = gui.add_text("Name", card.name)
-            tags = gui.add_text("Tags", ", ".join(card.entry.tags), hint="Words to search for, separated by commas")
-            folder = gui.add_text("Folder", card.folder, hint="Folder in your library; empty for the top folder")
-            gui.add_button("Save").on_click(callback(save))
-            gui.add_button(DELETE, color="red").on_click(callback(delete))
-            gui.add_button("Cancel", color="gray").on_click(callback(lambda target: self._context.close_dialog(modal)))
-
-    def _let_go(self, card: Card, name: str) -> None:
-        """Store the swatch with the scene, because its library file was moved or deleted."""
-        self._context.session.tuning.detach_from_library(card.name)
-        if self._context.tools.chosen == card.name and card.index is None:
-            self._cards = self._all()
-            there = next((c for c in self._cards if c.name == name), self._cards[-1])
-            self._context.tools.choose_swatch(there.name, there.source)
-        self.show(True)
-
-    # --- import ---
-
-    async def take(self, files: Sequence[Path]) -> None:
-        """Add swatch files to the user's library under free names.
-
-        Raises:
-            SwatchError: a file cannot be read; those before it are added.
-        """
-        names = []
-        for file in files:
-            swatch = await asyncio.to_thread(read_swatch, file)
-            names.append(library.add(replace(swatch, name=_free_name(swatch.name))).name)
-        self._search.value = ""
-        self.show(True)
-        self._use(self._card(names[0]))
-        self._context.say(f"Added to your library: {', '.join(names)}.")
-        self._context.refresh()
-
-    async def take_picture(self, files: Sequence[Path]) -> None:
-        """Set the picture of the selected swatch.
-
-        Raises:
-            HapsceneError: the picture cannot be read, or the swatch is plain.
-        """
-        file = files[0].rename(files[0].with_suffix(""))
-        made = await asyncio.to_thread(lambda: picture_png(read_picture(file)))
-        tools = self._context.tools
-        self._context.session.tuning.set_picture(tools.ensure_swatch(), made)
-        self._context.say(f"Set the picture of {tools.chosen} to {file.name}.")
-        self._context.refresh()
 
 
 def _figure_html(phrase: Phrase) -> str:
@@ -322,11 +220,3 @@ def _ball(card: Card, colour: str | None) -> str:
         return f"data:image/png;base64,{base64.b64encode(ball_png(card.swatch, own)).decode('ascii')}"
     except SwatchError:
         return ""
-
-
-def _free_name(name: str) -> str:
-    """The name, or the name with the first free number, such as "oak 2"."""
-    stem = re.sub(r" \d+$", "", name)
-    shipped = {*library.shipped_swatches(), *(entry.name for entry in library.computed_entries())}
-    names = chain((name,), (f"{stem} {i}" for i in count(2)))
-    return next(free for free in names if free not in shipped and library.find(free) is None)

@@ -7,19 +7,17 @@ from typing import Any, Final
 
 from hapscene.paint.model.session import FILLS
 from hapscene.paint.web.context import ClientContext, Container, Control, bounded, card_html, set_html
-from hapscene.paint.web.tools import RADIUS_SHARE, REGIONS, STROKES
+from hapscene.paint.web.tools import RADIUS_SHARE, STROKES
 from hapscene.view.feel_layer import SHOWS
 
 __all__ = ["ToolPanel"]
 
 TOOL_HINTS: Final = {
     "brush": "Drag to paint with the selected swatch.",
-    "fill": "Click to fill a facet, a body, a material or a swatch.",
-    "box": "Drag between opposite corners to paint inside a box.",
+    "fill": "Click to fill a facet, a body or a material.",
     "sphere": "Drag outward from the centre to paint inside a sphere.",
     "eraser": "Drag to restore the default swatch.",
     "pick": "Click to select the swatch under the pointer.",
-    "lasso": "Draw an outline to paint the visible surface inside it.",
     "touch": "Drag to stroke the surface with the simulated hand.",
 }
 """Instructions for each tool; page.css puts before them what has to be held or turned on."""
@@ -43,8 +41,6 @@ class ToolPanel:
             self._fill = gui.add_dropdown("Fill", FILLS, initial_value=tools.fill, hint="Area that a click fills")
             hint = "Largest angle between adjacent faces of a facet"
             self._angle = self._slider("Angle [°]", (0, 180, 1), "angle_rad", 180 / math.pi, hint)
-            hint = "Margin of the box around the two points that span it"
-            self._margin = self._slider("Depth [mm]", (step, high, step), "margin_m", 1e3, hint)
             hint = "Width of the soft border inside the brush, relative to its radius"
             self._falloff = self._slider("Falloff [%]", (0, 100, 5), "falloff", 100, hint)
             hint = "Weight of the swatch over the present painting; blended swatches are rendered by weight"
@@ -53,10 +49,6 @@ class ToolPanel:
             self._force = self._slider("Force [N]", (*FORCE_N, 0.1), "force_N", 1, hint)
             hint = "Materials of the mesh files, paint, or paint over materials (key V)"
             self._layers = gui.add_dropdown("Show", SHOWS, initial_value=context.view.show, hint=hint)
-            self._more = gui.add_folder("More", expand_by_default=False)
-            with self._more:
-                hint = "Also paint surfaces that are hidden or face away"
-                self._occluded = gui.add_checkbox("Ignore occlusion", tools.ignore_occlusion, hint=hint)
         self._listen()
         self.show()
 
@@ -71,8 +63,7 @@ class ToolPanel:
     def _show_sizes(self) -> None:
         """Update the ranges of sizes after bodies have changed."""
         low, high, _ = self._sizes()
-        for slider in (self._size, self._margin):
-            slider.value, slider.max = min(slider.value, high), high
+        self._size.value, self._size.max = min(self._size.value, high), high
         self._size.min = min(low, self._size.min)
         self._context.tools.resize(self._context.tools.radius_m)
 
@@ -92,29 +83,24 @@ class ToolPanel:
         self._size.visible = name in ("brush", "eraser", "sphere")
         self._fill.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"
-        self._margin.visible = name == "box"
-        painting = name in (*STROKES, *REGIONS)
         self._falloff.visible = name in STROKES
-        for control in (self._opacity, self._occluded):
-            control.visible = painting
-        self._more.visible = painting
+        self._opacity.visible = name in (*STROKES, "sphere")
         self._layers.visible = self._context.view.has_look
         self._force.visible = name == "touch"
         for slider, attribute, factor in self._sliders:
             shown = min(max(factor * getattr(tools, attribute), slider.min), slider.max)
             if abs(slider.value - shown) > slider.step / 2:
                 slider.value = shown
-        shown = (self._layers, self._context.view.show)
-        for choice, now in ((self._fill, fill), (self._occluded, tools.ignore_occlusion), shown):
+        for choice, now in ((self._fill, fill), (self._layers, self._context.view.show)):
             if choice.value != now:
                 choice.value = now
 
     def _listen(self) -> None:
         callback, tools, view = self._context.callback, self._context.tools, self._context.view
 
-        def choose(attribute: str, choices: tuple[object, ...], target: Control) -> None:
-            if target.value in choices:
-                setattr(tools, attribute, target.value)
+        def choose_fill(target: Control) -> None:
+            if target.value in FILLS:
+                tools.fill = target.value
 
         def show_layers(target: Control) -> None:
             if target.value in SHOWS:
@@ -123,8 +109,7 @@ class ToolPanel:
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
         self._layers.on_update(callback(show_layers))
-        self._occluded.on_update(callback(partial(choose, "ignore_occlusion", (True, False))))
-        self._fill.on_update(callback(partial(choose, "fill", FILLS)))
+        self._fill.on_update(callback(choose_fill))
 
     def _take_number(self, attribute: str, factor: float, slider: Any) -> None:
         tools = self._context.tools

@@ -3,64 +3,21 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from hapscene.paint.model.history import face_count_text
 from hapscene.paint.model.mesh import Hit
-from hapscene.paint.model.regions import Outline
-from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Session
-from hapscene.paint.model.strokes import Brush, Stroke
+from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Brush, Session, Stroke
 from hapscene.paint.web.hand import TouchHand
 from hapscene.paint.web.view import Pointer, SceneView, ToolMarks, Vector
 from hapscene.surface.swatch import PLAIN, SwatchLike
 from hapscene.view.feel_layer import OPACITY
 
-__all__ = ["RADIUS_SHARE", "REGIONS", "STROKES", "TOOLS", "Tools"]
+__all__ = ["RADIUS_SHARE", "STROKES", "TOOLS", "Tools"]
 
-CORNERS_MAX: Final = 400
-"""Largest number of corners of an outline [count]; beyond, every second one is dropped."""
-
-
-class LassoOutline:
-    """The outline that the lasso draws.
-
-    Attributes:
-        corners: (k, 2) positions on the canvas, from the left and the top, as fractions of its size.
-    """
-
-    def __init__(self) -> None:
-        self.corners: list[tuple[float, float]] = []
-
-    def add(self, pointer: Pointer) -> None:
-        """Add the position of the pointer."""
-        place = (pointer.x, pointer.y)
-        if not self.corners or place != self.corners[-1]:
-            self.corners.append(place)
-        if len(self.corners) > CORNERS_MAX:
-            del self.corners[1:-1:2]
-
-    def take(self, view: SceneView, pointer: Pointer) -> tuple[Callable[[Vector], Outline], Vector] | None:
-        """Return the region inside the outline and the eye, and clear the outline; None if it has no area.
-
-        The region is a function of the map from W to the frame of the region.
-        """
-        corners, self.corners = np.array(self.corners), []
-        eye = view.eye(pointer)
-        if len(corners) < 3 or eye is None:
-            return None
-        X_WE, slope = eye
-        flat = (2 * corners - 1) * slope
-        X_EW = np.linalg.inv(X_WE)
-        return lambda X_BW: Outline(X_EW @ np.linalg.inv(X_BW), flat), X_WE[:3, 3]
-
-
-TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso")
+TOOLS: Final = ("brush", "fill", "sphere", "eraser", "pick", "touch")
 
 STROKES: Final = ("brush", "eraser")
-REGIONS: Final = ("box", "sphere", "lasso")
-"""Tools that paint when the button is released."""
 
 FIRST_SWATCH: Final = "wood"
 """Initial swatch for a scene that has only plain, so that a first stroke is visible."""
@@ -78,11 +35,10 @@ class Tools:
     Attributes:
         name: current tool, one of `TOOLS`.
         chosen: name of the selected swatch.
-        radius_m: radius of brush and eraser, and of a box or sphere that is clicked [m].
-        falloff, opacity, ignore_occlusion: see `strokes.Brush`; the fill tool does not use them.
+        radius_m: radius of brush and eraser, and of a sphere that is clicked [m].
+        falloff, opacity: see `session.Brush`; the fill tool does not use them.
         fill: area that the fill tool fills, one of `FILLS`.
         angle_rad: angle of a facet [rad].
-        margin_m: margin of a box around the two points that span it [m].
         force_N: normal force of the hand [N].
         pressed: whether the pointer button is pressed on the surface.
     """
@@ -96,9 +52,7 @@ class Tools:
         self.radius_m = RADIUS_SHARE[1] * view.diagonal_m
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
-        self.margin_m = 0.01 * view.diagonal_m
-        self.falloff, self.opacity, self.ignore_occlusion = 0.0, 1.0, False
-        self.outline = LassoOutline()
+        self.falloff, self.opacity = 0.0, 1.0
         self.force_N = 1.0
         self.pressed = False
         self._stroke: Stroke | None = None
@@ -143,12 +97,10 @@ class Tools:
 
     def finish(self) -> None:
         """End the operation of the pointer."""
-        self.outline.corners = []
         if self.stroking:
             self._session.end_stroke()
         if self.pressed and self.name == "touch":
             self._touch.lift(time.monotonic())
-        self._marks.show_box(None)
         self._marks.show_sphere(None)
         self.pressed, self._stroke, self._start, self._last = False, None, None, None
 
@@ -187,20 +139,15 @@ class Tools:
             return
         self.finish()  # in case a release was lost
         self._before = self._session.history.state
-        if self.name == "lasso":
-            self.ensure_swatch()
-            self.pressed = True
-            self.outline.add(pointer)
-            return
         hit = self._session.pick(*ray, visible_only=True)
         if hit is None:
             self._say("There is no surface here: start on a body.")
             return
-        swatch = self.ensure_swatch() if self.name in ("brush", "fill", "box", "sphere") else ERASE
+        swatch = self.ensure_swatch() if self.name in ("brush", "fill", "sphere") else ERASE
         self.pressed, self._start, self._last, self._eye_W_m = True, hit, hit, ray[0]
         if self.name in STROKES:
             with self._session.lock:
-                brush = Brush(self.radius_m, self.falloff, self.opacity, self.ignore_occlusion)
+                brush = Brush(self.radius_m, self.falloff, self.opacity)
                 self._stroke = Stroke(self._session.painting, swatch, brush)
                 self._stroke.drag_to(*ray)
             self._marks.show_ring(hit, self.radius_m)
@@ -223,9 +170,6 @@ class Tools:
         ray = self._view.ray(pointer)
         if ray is None or not self.pressed:
             return
-        if self.name == "lasso":
-            self.outline.add(pointer)
-            return
         if self._stroke is not None:
             with self._session.lock:
                 if not self._stroke.in_progress:  # ended by an operation of another page or by a key
@@ -243,11 +187,12 @@ class Tools:
             self._show_region()
 
     async def release(self, pointer: Pointer | None) -> None:
-        """Handle a release of the button; None cancels a box, sphere or lasso without painting."""
+        """Handle a release of the button; None cancels a sphere without painting."""
         try:
             if pointer is not None and self.pressed:
                 await self.drag(pointer)  # the position of the release
-                self._fill_region(pointer)
+                if self.name == "sphere":
+                    self._fill_sphere()
                 if self.stroking:
                     self._session.end_stroke()
                 if self.name in STROKES and self._session.history.state == self._before:
@@ -261,37 +206,18 @@ class Tools:
         self._say(f"Picked {self.chosen}.")
 
     def _show_region(self) -> None:
-        """Show the box or sphere that would be painted."""
-        if self.name == "box":
-            X_WK, size_m = self._box()
-            self._marks.show_box(size_m, X_WK)
-        elif self.name == "sphere":
+        """Show the sphere that would be painted."""
+        if self.name == "sphere":
             self._marks.show_sphere(*self._sphere())
 
-    def _fill_region(self, pointer: Pointer) -> None:
-        """Paint inside the box, the sphere or the outline."""
-        if self.name not in REGIONS:
-            return
-        more: dict[str, Any] = {"opacity": self.opacity}
-        more["eye_W_m"] = None if self.ignore_occlusion else self._eye_W_m
-        if self.name == "box":
-            count = self._session.fill_box(*self._box(), self.ensure_swatch(), **more)
-        elif self.name == "sphere":
-            count = self._session.fill_sphere(*self._sphere(), self.ensure_swatch(), **more)
-        else:
-            taken = self.outline.take(self._view, pointer)
-            if taken is None:
-                self._say("Draw an outline around the area to paint.")
-                return
-            more["eye_W_m"] = None if self.ignore_occlusion else taken[1]
-            count = self._session.fill_region(self.name, taken[0], self.ensure_swatch(), **more)
+    def _fill_sphere(self) -> None:
+        count = self._session.fill_sphere(
+            *self._sphere(), self.ensure_swatch(), opacity=self.opacity, eye_W_m=self._eye_W_m
+        )
         self._say(f"{face_count_text(count)} painted." if count else "Nothing changed: no unpainted faces inside.")
 
     def _why_nothing(self) -> str:
         """Message for a stroke that has changed nothing."""
-        name = None if self._last is None else self._session.scene.bodies[self._last.body].name
-        if name in self._session.painting.locked:
-            return f"{name} is locked. Unlock it in the tab Bodies."
         if self.name == "eraser":
             return "There is nothing to erase here."
         return f"The surface here is {self.chosen} already. Select another swatch."
@@ -305,17 +231,6 @@ class Tools:
         nhat = hit.nhat_W if float(hit.nhat_W @ direction_W) <= 0.0 else -hit.nhat_W
         stiffness = self._session.tuning.parameters(self._session.swatch_at(hit))[0].given
         return hit.p_W_m, nhat, self.force_N, stiffness
-
-    def _box(self) -> tuple[Vector, Vector]:
-        """Pose and size of the box between the press and the present position, along the axes of the body."""
-        assert self._start is not None and self._last is not None
-        R_WB = self._session.scene.bodies[self._start.body].X_WB[:3, :3]
-        way_B = R_WB.T @ (self._last.p_W_m - self._start.p_W_m)
-        X_WK = np.eye(4)
-        X_WK[:3, :3] = R_WB
-        X_WK[:3, 3] = (self._start.p_W_m + self._last.p_W_m) / 2
-        margin_m = self.radius_m if not way_B.any() else self.margin_m
-        return X_WK, np.abs(way_B) + 2 * margin_m
 
     def _sphere(self) -> tuple[Vector, float]:
         """Centre and radius of the sphere from the press to the present position."""

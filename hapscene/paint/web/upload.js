@@ -5,12 +5,12 @@ const overlay = Object.assign(document.createElement("div"), { id: "hs-drop", hi
 const note = Object.assign(document.createElement("div"), { id: "hs-upload", hidden: true });
 note.setAttribute("role", "status");
 
-function send(files, as = "") {  // `as` is a suffix added to the names, which selects another handler
+function send(files) {
   if (!files.length) return;
   const whole = files.reduce((sum, file) => sum + file.size, 0);
   const wire = new WebSocket(`${location.origin.replace(/^http/, "ws")}${home()}hapscene-upload`);
   wire.onopen = async () => {
-    wire.send(JSON.stringify({ client: window.hapscene.client(), files: files.map(({ name, size }) => ({ name: name + as, size })) }));
+    wire.send(JSON.stringify({ files: files.map(({ name, size }) => ({ name, size })) }));
     let gone = 0;
     for (const file of files) {
       for (let at = 0; at < file.size && wire.readyState === 1; at += PIECE) {
@@ -25,9 +25,9 @@ function send(files, as = "") {  // `as` is a suffix added to the names, which s
   };
   wire.onclose = () => { note.hidden = true; };
 }
-export function choose(accept, as) {
+function choose(accept) {
   const field = Object.assign(document.createElement("input"), { type: "file", multiple: true, accept });
-  field.onchange = () => send([...field.files], as);
+  field.onchange = () => send([...field.files]);
   field.click();
 }
 const holds = (event) => event.dataTransfer && [...event.dataTransfer.types].includes("Files");
@@ -40,10 +40,10 @@ window.addEventListener("drop", (event) => {
   event.preventDefault();
   depth = 0;
   overlay.hidden = true;
-  send([...event.dataTransfer.files], event.target.closest?.("[data-as]")?.dataset.as);
+  send([...event.dataTransfer.files]);
 }, true);
 document.addEventListener("click", (event) => {
   const button = event.target.closest && event.target.closest("[data-upload]");
-  if (button) choose(button.dataset.upload, button.dataset.as);
+  if (button) choose(button.dataset.upload);
 });
 document.body.append(overlay, note);

@@ -303,11 +303,8 @@ class SceneView:
         """Points (…, 3) in W [m] in the coordinates of viser."""
         return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self.scale)
 
-    def eye(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
-        """Pose (4, 4) of the eye of a page, and half the width and height (2,) of its picture at z = 1.
-
-        The z axis of the pose points into the picture, the y axis down. None if the page is not connected.
-        """
+    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """Ray from the eye through the pointer: origin in W [m] and direction; None if the page is not connected."""
         client = self._server.get_clients().get(pointer.client)
         if client is None:
             return None
@@ -315,19 +312,10 @@ class SceneView:
         place = np.concatenate([np.ravel(camera.wxyz), np.ravel(camera.position), [camera.fov]])
         if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
             return None  # an invalid camera
-        X_WE = np.eye(4)
-        X_WE[:3, :3] = scipy.spatial.transform.Rotation.from_quat(place[:4], scalar_first=True).as_matrix()
-        X_WE[:3, 3] = place[4:7] / self.scale + self.middle_W_m
-        return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
-
-    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
-        """Ray from the eye through the pointer: origin in W [m] and direction; None if the page is not connected."""
-        eye = self.eye(pointer)
-        if eye is None:
-            return None
-        X_WE, slope = eye
-        direction = X_WE[:3, :3] @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
-        return X_WE[:3, 3], direction / np.linalg.norm(direction)
+        R_WE = scipy.spatial.transform.Rotation.from_quat(place[:4], scalar_first=True).as_matrix()
+        slope = np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
+        direction = R_WE @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
+        return place[4:7] / self.scale + self.middle_W_m, direction / np.linalg.norm(direction)
 
     # --- markers ---
 
@@ -431,7 +419,7 @@ class SceneView:
 
 
 class ToolMarks:
-    """Marks of the tools in the view of one page: the ring of the brush, a box and a sphere.
+    """Marks of the tools in the view of one page: the ring of the brush, and a sphere.
 
     Args:
         scene: scene of the page's viser client.
@@ -441,16 +429,13 @@ class ToolMarks:
 
     def __init__(self, scene: "viser.SceneApi", view: SceneView, painting: Painting) -> None:
         self._view, self._painting = view, painting
-        ink = _rgb(OKABE_ITO["purple"])
         dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # visible on every colour
         ring, colours = np.zeros((RING_COUNT, 2, 3), np.float32), np.repeat(dashes, 6).reshape(-1, 2, 3)
-        add = scene.add_line_segments
-        self._ring = add("/mark/ring", ring, colours, thickness=2.5, thickness_units="screen")
-        corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        edges = [(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corner[i] != corner[j]) == 1]
-        self._box = add("/mark/box", corner[np.array(edges)], ink, thickness=2.5, thickness_units="screen")
-        self._sphere = scene.add_icosphere("/mark/sphere", 1.0, ink, opacity=0.3, cast_shadow=False)
-        for mark in (self._ring, self._box, self._sphere):
+        self._ring = scene.add_line_segments("/mark/ring", ring, colours, thickness=2.5, thickness_units="screen")
+        self._sphere = scene.add_icosphere(
+            "/mark/sphere", 1.0, _rgb(OKABE_ITO["purple"]), opacity=0.3, cast_shadow=False
+        )
+        for mark in (self._ring, self._sphere):
             mark.visible = False
 
     def show_ring(self, hit: Hit | None, radius_m: float) -> None:
@@ -466,15 +451,6 @@ class ToolMarks:
         laid_W_m = project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)
         laid = self._view.to_view(laid_W_m) + 0.004 * hit.nhat_W
         self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
-
-    def show_box(self, size_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
-        """Show the edges of a box of size (3,) [m] at a pose (4, 4); None hides it."""
-        self._box.visible = size_m is not None
-        if size_m is None or X_WK is None:
-            return
-        self._box.position = self._view.to_view(X_WK[:3, 3])
-        self._box.wxyz = quaternion(X_WK[:3, :3])
-        self._box.scale = tuple((np.maximum(size_m, 1e-9) * self._view.scale).tolist())
 
     def show_sphere(self, centre_W_m: Vector | None, radius_m: float = 0.0) -> None:
         """Show a sphere; None hides it."""

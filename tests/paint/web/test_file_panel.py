@@ -67,6 +67,16 @@ def test_panel_lists_what_the_chosen_format_cannot_store(page: Page, tab: Tab) -
     tab.wait(lambda: displayed(tab, "Not included: bodies and their names"))
 
 
+def test_escape_closes_a_question_without_an_answer(page: Page, tab: Tab) -> None:
+    Path("asked.scene.json").write_text("theirs")
+    tab.send("dismiss")  # without a question
+    save_as(tab, "asked.scene.json")
+    tab.control("Overwrite")
+    tab.send("dismiss")
+    tab.wait(lambda: not asked(tab, "Overwrite"))
+    assert Path("asked.scene.json").read_text() == "theirs" and not page.context.questions
+
+
 def test_export_never_overwrites_a_mesh_of_the_scene(page: Page, tab: Tab) -> None:
     before = Path("ball.obj").read_bytes()
     tab.set("Format", "obj")

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import html
-import io
 import json
 import random
 import re
@@ -15,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trimesh.creation import box
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -29,11 +28,7 @@ from hapscene.paint.model.session import Session
 from hapscene.paint.web.hand import HandConfig
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.socket import UPLOAD_PATH
-from hapscene.paint.web.swatch_panel import CONFIRM_DELETE
 from hapscene.scene.scene import load_scene
-from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import save_swatch
-from hapscene.swatches.library import add, own_entries
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -103,19 +98,12 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
     tab.point("up", TOP)
     tab.settle()
     assert painted(page, 0, "leather") == len(ball.mesh.faces)
-    tab.choose("paper")
-    tab.send("tool", name="box")
-    tab.point("down", TOP)
-    tab.point("move", np.add(TOP, (0.006, 0.006, -0.002)))
-    tab.point("up", TOP)
-    tab.settle()
-    assert 0 < painted(page, 0, "paper") < len(ball.mesh.faces)
     tab.choose("wood")
     tab.send("tool", name="pick")
     tab.point("down", TOP)
     tab.point("up", TOP)
     tab.settle()
-    assert tab.state["swatch"] in ("paper", "leather")
+    assert tab.state["swatch"] in ("leather",)
 
 
 def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) -> None:
@@ -185,80 +173,20 @@ def card_names(tab: Tab) -> list[str]:
     return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', content)]
 
 
-def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page, tab: Tab, library: Path) -> None:
-    add(Swatch("sponge", 99.0, albedo_rgb=(0.9, 0.8, 0.1)))
-    page.server.get_event_loop().call_soon_threadsafe(page.clients[tab.client].swatches.show, True)
-    tab.choose("sponge")
-    stroke(tab)
-    tab.settle()
-    tab.send("save")
-    tab.wait(lambda: not tab.state["dirty"])
-    tab.send("library", act="edit", name="sponge")
-    tab.control("Cancel")  # the dialog is complete
-    for label, value in (("Name", "old sponge"), ("Tags", "wet, kitchen"), ("Folder", "kitchen")):
-        tab.set(label, value)
-    tab.set("Save", True)  # `set` uses the newest control: the one of the dialog
-    tab.wait(lambda: "old sponge" in card_names(tab))
-    (entry,) = own_entries(library / "kitchen")
-    assert (entry.name, entry.tags) == ("old sponge", ("wet", "kitchen")) and not own_entries()
-    assert tab.tools.chosen == "sponge"  # the swatch of the scene is unchanged and is stored in the scene
-    assert page.context.session.dirty
-    page.context.session.save()
-    assert {s.name for s in load_scene(page.context.session.path).swatches} >= {"sponge"}
-    tab.send("library", act="edit", name="wood")
-    tab.wait(lambda: any("not in your library" in said for said in tab.said))
-    tab.send("library", act="edit", name="old sponge")
-    tab.control("Delete")
-    tab.send("dismiss")  # Escape
-    tab.wait(lambda: not any(c["props"].get("label") == "Delete" for c in list(tab.controls.values())))
-    tab.send("library", act="edit", name="old sponge")
-    tab.set("Delete", True)
-    tab.wait(lambda: any(CONFIRM_DELETE in c["props"].get("label", "") for c in list(tab.controls.values())))
-    assert own_entries(library / "kitchen")
-    tab.set(CONFIRM_DELETE, True)
-    tab.wait(lambda: not own_entries(library / "kitchen") and "old sponge" not in card_names(tab))
-
-
-def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: Path, tmp_path: Path) -> None:
-    save_swatch(Swatch("gift", 99.0), tmp_path / "gift.swatch")
-    gift = (tmp_path / "gift.swatch").read_bytes()
-    drop(tab, {"C:\\fun\\gift.swatch": gift})
-    tab.wait(lambda: tab.tools.chosen == "gift" and "gift" in card_names(tab))
-    drop(tab, {"again.swatch": gift})
-    tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
-    asyncio.run(page._take_swatches([tmp_path / "gift.swatch"], tab.client + 1))  # from a page that was closed
-    assert len(own_entries()) == 2
+def test_files_that_are_dropped_become_bodies(page: Page, tab: Tab, tmp_path: Path) -> None:
+    drop(tab, {"C:\\fun\\gift.glb": box((0.02, 0.02, 0.02)).export(file_type="glb"), "notes.exe": b"no"})
+    tab.wait(lambda: page.context.session.scene.bodies[-1].name == "gift")
+    assert (tmp_path / "gift.glb").is_file() and not (tmp_path / "gift").exists()
     for files, pattern in (
-        ({"bad.swatch": b"no"}, "bad.swatch"),
-        ({"a.exe": b"no"}, r"a\.exe.*\.swatch"),
-        ({f"{i}.swatch": b"" for i in range(201)}, "1 to 200 files"),
-        ({"huge.swatch": 1 << 40}, "512 MiB"),
-        ({"short.swatch": 10}, "interrupted"),
+        ({"bad.glb": b"no"}, "bad.glb"),
+        ({"a.exe": b"no"}, r"a\.exe.*\.glb"),
+        ({f"{i}.glb": b"" for i in range(201)}, "1 to 200 files"),
+        ({"huge.glb": 1 << 40}, "512 MiB"),
+        ({"short.glb": 10}, "interrupted"),
     ):
         drop(tab, files)
         tab.wait(lambda pattern=pattern: any(re.search(pattern, said) for said in list(tab.said)))
-    assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
-
-
-def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page: Page, tab: Tab) -> None:
-    tab.choose("wood")
-    stroke(tab)
-    tab.settle()
-    before = page.context.session.scene.swatches[-1]
-    rng = np.random.default_rng(0)
-    noisy, file = rng.integers(0, 100, (600, 400, 3), np.uint8) + np.uint8([155, 0, 0]), io.BytesIO()
-    Image.fromarray(noisy).save(file, "PNG")
-    drop(tab, {"red grain.png.look": file.getvalue()})
-    tab.wait(lambda: any("wood to red grain.png" in said for said in tab.said))
-    swatch = page.context.session.scene.swatches[-1]
-    assert swatch.look is not None and swatch.look.albedo() is not None
-    np.testing.assert_allclose(swatch.albedo_rgb, np.array([204.5, 49.5, 49.5]) / 255, atol=0.01)
-    page.context.session.save()
-    assert load_scene(page.context.session.path).swatches[-1].look == swatch.look
-    drop(tab, {"none.png.look": b"no"})
-    tab.wait(lambda: any("none.png" in said and "red grain" not in said for said in tab.said))
-    tab.send("undo")
-    tab.wait(lambda: page.context.session.scene.swatches[-1] == before)
+    assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.glb"))
 
 
 def drop(tab: Tab, files: Mapping[str, bytes | int]) -> None:
@@ -268,7 +196,7 @@ def drop(tab: Tab, files: Mapping[str, bytes | int]) -> None:
     with connect(f"ws://{host}{UPLOAD_PATH}", origin=origin) as wire:
         sizes = {name: content if isinstance(content, int) else len(content) for name, content in files.items()}
         listed = [{"name": name, "size": size} for name, size in sizes.items()]
-        wire.send(json.dumps({"client": tab.client, "files": listed}))
+        wire.send(json.dumps({"files": listed}))
         with contextlib.suppress(ConnectionClosed):
             for content in files.values():
                 if isinstance(content, bytes) and content:
@@ -309,7 +237,7 @@ def test_failed_page_releases_its_resources(tmp_path: Path, monkeypatch: pytest.
     for _ in range(2):
         with Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False) as page:
             page.context.session.fill_body(0, 1)
-        assert page.kept and not page.public
+        assert page.kept and page.network_url is None
     for thread in set(threading.enumerate()) - before:
         if not thread.name.startswith(("asyncio", "ThreadPool")):  # a thread that the loop lends stays
             thread.join()
@@ -351,8 +279,6 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
             return True
         if isinstance(known, str):
             return dice.choice([*(props.get("options") or texts), "no such"])
-        if isinstance(known, list | tuple):  # a colour
-            return [dice.randrange(256) for _ in known]
         return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0))
 
     for i in range(count):
@@ -361,7 +287,7 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
             do = dice.choice(("hover", "down", "move", "move", "move", "up", "leave"))
             tab.point(do, np.add(TOP, [dice.gauss(0.0, 0.02) for _ in range(3)]))
         elif kind < 0.75:
-            tab.send("tool", name=dice.choice(("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "x")))
+            tab.send("tool", name=dice.choice(("brush", "fill", "sphere", "eraser", "pick", "touch", "x")))
         elif kind < 0.83:
             tab.send(
                 dice.choice(("undo", "redo", "redo", "size", "save", "frame")),

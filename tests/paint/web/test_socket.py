@@ -69,8 +69,8 @@ def test_client_that_reads_nothing_is_disconnected() -> None:
 def test_list_of_an_upload() -> None:
     def listed(*sizes: Any) -> Any:
         files = [{"name": f"{i}.obj", "size": n} for i, n in enumerate(sizes)]
-        return parse_file_list(json.dumps({"files": files, "client": 5}))
+        return parse_file_list(json.dumps({"files": files}))
 
-    assert listed(3, 0) == ({"0.obj": 3, "1.obj": 0}, 5)
+    assert listed(3, 0) == {"0.obj": 3, "1.obj": 0}
     for invalid in (listed(-1), listed(True), listed(1.5), listed("1"), listed(1, -1), listed(), listed(1 << 50)):
         assert isinstance(invalid, str)

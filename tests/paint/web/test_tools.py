@@ -36,7 +36,7 @@ def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
     return painted
 
 
-@pytest.mark.parametrize("tool", ["brush", "box", "sphere"])
+@pytest.mark.parametrize("tool", ["brush", "sphere"])
 def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) -> None:
     tab.tools.choose_swatch("wood", "wood")
     tab.send("tool", name=tool)
@@ -46,7 +46,7 @@ def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) 
         assert body.name != "ball" or (one != body.face_swatch).any()
 
 
-@pytest.mark.parametrize("tool", ["brush", "fill", "box", "sphere"])
+@pytest.mark.parametrize("tool", ["brush", "fill", "sphere"])
 def test_missing_swatch_is_reported_once_and_ends_the_stroke(page: Page, tab: Tab, tool: str) -> None:
     tab.tools.choose_swatch("nowhere", "nowhere")
     tab.send("tool", name=tool)
@@ -79,14 +79,12 @@ def test_the_brush_stays_within_its_bounds(page: Page, tab: Tab) -> None:
         assert tools.radius_m == taken
 
 
-STROKE = {"Size [mm]", "Falloff [%]", "Opacity [%]", "Ignore occlusion"}
+STROKE = {"Size [mm]", "Falloff [%]", "Opacity [%]"}
 SETTINGS = {
     "brush": STROKE,
     "eraser": STROKE,
     "fill": {"Fill", "Angle [°]"},
-    "box": {"Depth [mm]", "Opacity [%]", "Ignore occlusion"},
-    "sphere": {"Size [mm]", "Opacity [%]", "Ignore occlusion"},
-    "lasso": {"Opacity [%]", "Ignore occlusion"},
+    "sphere": {"Size [mm]", "Opacity [%]"},
     "touch": {"Force [N]"},
     "pick": set(),
 }
@@ -104,16 +102,16 @@ def test_each_tool_shows_its_settings(page: Page, tab: Tab) -> None:
         tab.wait(lambda labels=labels: shown() == labels)
     step, diameter_mm = tab.control("Size [mm]")["props"]["step"], 2e3 * tab.tools.radius_m
     assert diameter_mm <= tab.control("Size [mm]")["value"] <= diameter_mm + step <= 1.1 * diameter_mm
-    for label, value in (("Falloff [%]", 25), ("Opacity [%]", 50), ("Angle [°]", 90), ("Depth [mm]", 2.0)):
+    for label, value in (("Falloff [%]", 25), ("Opacity [%]", 50), ("Angle [°]", 90)):
         tab.set(label, value)
-    for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all"), ("Ignore occlusion", True)):
+    for label, value in (("Force [N]", 99.0), ("Fill", FILLS[1]), ("Fill", "all")):
         tab.set(label, value)
     for show in ("feel", "all"):
         tab.set("Show", show)
     tab.settle()
-    found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "margin_m", "force_N")]
-    assert found == pytest.approx([0.25, 0.5, np.pi / 2, 0.002, FORCE_N[1]])
-    assert tab.tools.fill == FILLS[1] and tab.tools.ignore_occlusion and page.context.view.show == "feel"
+    found = [getattr(tab.tools, name) for name in ("falloff", "opacity", "angle_rad", "force_N")]
+    assert found == pytest.approx([0.25, 0.5, np.pi / 2, FORCE_N[1]])
+    assert tab.tools.fill == FILLS[1] and page.context.view.show == "feel"
 
 
 def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
@@ -127,7 +125,7 @@ def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
     assert not page.context.session.document.changed
 
 
-@pytest.mark.parametrize("tool", ["brush", "eraser", "fill", "box", "sphere"])
+@pytest.mark.parametrize("tool", ["brush", "eraser", "fill", "sphere"])
 def test_press_beside_the_surface_is_reported(page: Page, tab: Tab, tool: str) -> None:
     tab.send("tool", name=tool)
     tab.point("down", np.array([0.0, 0.9, 0.0]))
@@ -233,17 +231,3 @@ def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
     tab.point("up", TOP)
     tab.settle()
     assert not any("already" in said for said in tab.said)
-
-
-def test_a_lasso_paints_the_visible_surface_inside(page: Page, tab: Tab) -> None:
-    tab.tools.choose_swatch("wood", "wood")
-    corners = [TOP + d for d in np.array([(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]) * 1e-3]
-    tab.send("tool", name="lasso")
-    lasso = drawn(page, tab, *corners, corners[0])
-    ball = page.context.session.scene.bodies[0]
-    assert (lasso[0] != 0).any() and not tab.state["outline"]
-    z = ball.mesh.triangles_m.mean(axis=1) @ ball.X_WB[2, :3]
-    assert z[lasso[0] != 0].min() > 0.0  # not the other side
-    tab.tools.ignore_occlusion = True
-    both_sides = drawn(page, tab, *corners, corners[0])
-    assert z[both_sides[0] != 0].min() < 0.0

@@ -102,16 +102,12 @@ def test_marks_of_the_tools(view: SceneView) -> None:
     apart = np.linalg.norm(ring[:, 0] - view.to_view(hit.p_W_m), axis=1)
     np.testing.assert_allclose(apart, np.hypot(0.005 * view.scale, 0.004), rtol=1e-3)
     np.testing.assert_array_equal(ring[:, 1], np.roll(ring[:, 0], -1, axis=0))
-    X_WK = np.eye(4)
-    X_WK[:3, 3] = (0.0, 0.1, 0.0)
-    marks.show_box(np.array([0.01, 0.02, 0.0]), X_WK)
-    assert marks._box.scale == pytest.approx(np.array([0.01, 0.02, 1e-9]) * view.scale)
-    marks.show_sphere(X_WK[:3, 3], 0.03)
+    marks.show_sphere(np.array([0.0, 0.1, 0.0]), 0.03)
     assert marks._sphere.scale == pytest.approx(0.03 * view.scale)
-    np.testing.assert_allclose([marks._box.position, marks._sphere.position], [view.to_view((0.0, 0.1, 0.0))] * 2)
-    assert marks._ring.visible and marks._box.visible and marks._sphere.visible
-    marks.show_ring(None, 0.005), marks.show_box(None), marks.show_sphere(None)
-    assert not (marks._ring.visible or marks._box.visible or marks._sphere.visible)
+    np.testing.assert_allclose(marks._sphere.position, view.to_view((0.0, 0.1, 0.0)))
+    assert marks._ring.visible and marks._sphere.visible
+    marks.show_ring(None, 0.005), marks.show_sphere(None)
+    assert not (marks._ring.visible or marks._sphere.visible)
 
 
 def test_rotations() -> None:
