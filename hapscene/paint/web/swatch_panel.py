@@ -12,12 +12,8 @@ from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
 from hapscene.paint.web.context import ClientContext, Container, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.surface.swatch import Swatch, touched_with
-<<<<<<< HEAD
-from hapscene.surface.swatch_file import SUFFIX, read_swatch
 from hapscene.surface.swatch_summary import Phrase
 from hapscene.swatches import library
-=======
->>>>>>> cutpaint
 from hapscene.swatches.picture import ball_png
 from hapscene.swatches.sound import swatch_sound
 from hapscene.view.palette import rgb
