@@ -151,12 +151,14 @@ def _play_on_handle() -> None:
 def _paint(scene: Scene) -> None:
     from hapscene.paint.model.display import Display
     from hapscene.paint.model.painting import Painting
+    from hapscene.paint.model.regions import Outline
 
     scene.add(trimesh.creation.icosphere(3, 0.05), name="ball", unit="m")
     scene.paint("box", "leather", Sphere((0.0, 0.0, 0.05), 0.02), falloff_m=0.01, resolution_m=0.005)
     painting = Painting(scene)
     painting.pick(ABOVE_M, (0.0, 0.0, -1.0))
     painting.begin_step("warm up", SWATCH)
-    painting.paint_region(0, Sphere((0.0, 0.0, 0.05), 0.02), eye_W_m=(0.0, 0.0, 0.5))
+    corners = np.array([[-0.1, -0.1], [0.1, -0.1], [0.0, 0.1]])
+    painting.paint_region(0, Outline(np.eye(4), corners), eye_W_m=(0.0, 0.0, 0.5))
     painting.end_step()
     Display(painting, shown_max=400)

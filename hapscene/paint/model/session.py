@@ -4,6 +4,7 @@ A session needs no browser; the web page is built on it.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
@@ -19,7 +20,7 @@ from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.paint.model.tuning import SwatchTuning
 from hapscene.scene.fine_paint import parts
-from hapscene.scene.region import Sphere, Tube
+from hapscene.scene.region import Region, Sphere, Tube
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX
 from hapscene.surface.swatch import Swatch, SwatchLike
@@ -293,23 +294,14 @@ class Session:
         every = np.ones(len(self.shapes[index].normal), np.bool_)
         return self.painting.paint(f"{_verb(swatch)} whole body", {index: every}, swatch)
 
-    def fill_sphere(
-        self,
-        centre_W_m: ArrayLike,
-        radius_m: float,
-        swatch: int | str,
-        *,
-        eye_W_m: ArrayLike | None = None,
-        opacity: float = 1.0,
-    ) -> int:
-        """Paint the inside of a sphere in one step, cutting faces; returns the number of faces reached.
+    def fill_sphere(self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, **more: Any) -> int:
+        """Paint the inside of a sphere; returns the number of faces reached.
 
         Args:
             centre_W_m: (3,) centre [m].
             radius_m: radius [m].
             swatch: swatch to paint with.
-            eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
-            opacity: weight of the swatch over the present painting [0, 1].
+            more: see `fill_region`.
 
         Raises:
             SceneError: the centre or the radius is invalid.
@@ -319,14 +311,36 @@ class Session:
             raise SceneError(f"invalid sphere centre {centre_W_m!r}: expected three finite numbers")
         if not (math.isfinite(radius_m) and radius_m > 0.0):
             raise SceneError(f"sphere radius {radius_m * 1e3:g} mm is out of range: expected more than 0 mm")
+        return self.fill_region(
+            "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, **more
+        )
+
+    def fill_region(
+        self,
+        where: str,
+        region_of: Callable[[NDArray[np.float64]], Region],
+        swatch: int | str,
+        *,
+        eye_W_m: ArrayLike | None = None,
+        opacity: float = 1.0,
+    ) -> int:
+        """Paint the inside of a region in one step, cutting faces; returns the number of faces reached.
+
+        Args:
+            where: description of the region for the user.
+            region_of: returns the region in the frame of a body, given the map (4, 4) from W to that frame.
+            swatch: swatch to paint with.
+            eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
+            opacity: weight of the swatch over the present painting [0, 1].
+        """
         with self.lock:
-            self.painting.begin_step(f"{_verb(swatch)} sphere", swatch)
+            self.painting.begin_step(f"{_verb(swatch)} {where}", swatch)
             count = 0
             for i, body in enumerate(self.scene.bodies):
-                X_BW = np.linalg.inv(body.X_WB)
-                region = Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m)
-                faces = self.shapes[i].near(region)
-                count += self.painting.paint_region(i, region, faces, opacity=opacity, eye_W_m=eye_W_m)
+                region = region_of(np.asarray(np.linalg.inv(body.X_WB), np.float64))
+                count += self.painting.paint_region(
+                    i, region, self.shapes[i].near(region), opacity=opacity, eye_W_m=eye_W_m
+                )
             self.painting.end_step()
             return count
 

@@ -1,7 +1,7 @@
 // Dialog with the keyboard shortcuts of the page.
 const KEYS = [
   ["Tools", [
-    ["1 … 6", "brush, fill, sphere, eraser, pick, touch"],
+    ["1 … 7", "brush, fill, sphere, eraser, pick, touch, lasso"],
     ["Shift + drag", "use the tool on the surface"],
     ["L", "draw: drag to use the tool, Shift + drag to rotate the view"],
     ["[  ]", "decrease, increase the brush size"],

@@ -3,6 +3,7 @@
 import { newCursor } from "/hapscene-cursor.js";
 import { newGrain } from "/hapscene-grain.js";
 import { newKeyList } from "/hapscene-keys.js";
+import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
 import { limitSoftwareGl } from "/hapscene-software_gl.js";
 import { newStamp } from "/hapscene-stamp.js";
@@ -17,6 +18,7 @@ const TOOLS = [
   ["eraser", "Eraser", "4", "Restore the default swatch: Shift + drag"],
   ["pick", "Pick", "5", "Select the swatch under the pointer: Shift + click"],
   ["touch", "Touch", "6", "Stroke the surface with a simulated hand: Shift + drag"],
+  ["lasso", "Lasso", "7", "Paint the visible surface inside an outline: Shift + drag"],
 ];
 const VIEWS = ["front", "back", "left", "right", "top", "bottom", "perspective"];  // Shift 1 to 7
 const LOST = "Connection lost. Your changes are kept. If the connection is not restored within some seconds, start hapscene paint again and open the address that it prints.";
@@ -259,6 +261,7 @@ const cursor = newCursor({
 });
 root.append(bar, make("div", { id: "hs-space" }, hint, views), toast, monitor, cursor.node);
 const updateTip = showTips(tip, () => state.hints ?? {});
+const outline = showOutline(canvas);
 let toastTimer = null;
 function say(text, kind, for_ms = kind === "error" ? 9000 : 4000) {
   toast.textContent = text;
@@ -290,6 +293,7 @@ function show() {
   if (state.undo && !show.painted) { show.painted = true; hint.hidden = true; }  // after the first stroke
   document.title = `${state.dirty ? "• " : ""}${state.title} – hapscene paint`;
   status.textContent = state.status || "";
+  outline(state.outline);
   const c = canvas();
   if (c) c.style.cursor = state.tool === "touch" ? "crosshair" : "";
 }

@@ -338,6 +338,7 @@ class Page:
             "hints": button_hints(self.server.gui, panels.context.gui),
             "title": self._path.name,
             "status": self._monitor.status,
+            "outline": tuple(tools.outline.corners),
             "grain": self.context.view.grain,
             "brush": tools.stamp(),
             "hand": self.context.touch.status,

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from hapscene.paint.model.session import FILLS
 from hapscene.paint.web.context import ClientContext, Container, Control, bounded, card_html, set_html
-from hapscene.paint.web.tools import RADIUS_SHARE, STROKES
+from hapscene.paint.web.tools import RADIUS_SHARE, REGIONS, STROKES
 from hapscene.view.feel_layer import SHOWS
 
 __all__ = ["ToolPanel"]
@@ -18,6 +18,7 @@ TOOL_HINTS: Final = {
     "sphere": "Drag outward from the centre to paint inside a sphere.",
     "eraser": "Drag to restore the default swatch.",
     "pick": "Click to select the swatch under the pointer.",
+    "lasso": "Draw an outline to paint the visible surface inside it.",
     "touch": "Drag to stroke the surface with the simulated hand.",
 }
 """Instructions for each tool; page.css puts before them what has to be held or turned on."""
@@ -84,7 +85,7 @@ class ToolPanel:
         self._fill.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"
         self._falloff.visible = name in STROKES
-        self._opacity.visible = name in (*STROKES, "sphere")
+        self._opacity.visible = name in (*STROKES, *REGIONS)
         self._layers.visible = self._context.view.has_look
         self._force.visible = name == "touch"
         for slider, attribute, factor in self._sliders:

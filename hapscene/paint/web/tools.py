@@ -5,19 +5,61 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+
 from hapscene.paint.model.history import face_count_text
 from hapscene.paint.model.mesh import Hit
+from hapscene.paint.model.regions import Outline
 from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Brush, Session, Stroke
 from hapscene.paint.web.hand import TouchHand
 from hapscene.paint.web.view import Pointer, SceneView, ToolMarks, Vector
 from hapscene.surface.swatch import PLAIN, SwatchLike
 from hapscene.view.feel_layer import OPACITY
 
-__all__ = ["RADIUS_SHARE", "STROKES", "TOOLS", "Tools"]
+__all__ = ["RADIUS_SHARE", "REGIONS", "STROKES", "TOOLS", "Tools"]
 
-TOOLS: Final = ("brush", "fill", "sphere", "eraser", "pick", "touch")
+CORNERS_MAX: Final = 400
+"""Largest number of corners of an outline [count]; beyond, every second one is dropped."""
+
+
+class LassoOutline:
+    """The outline that the lasso draws.
+
+    Attributes:
+        corners: (k, 2) positions on the canvas, from the left and the top, as fractions of its size.
+    """
+
+    def __init__(self) -> None:
+        self.corners: list[tuple[float, float]] = []
+
+    def add(self, pointer: Pointer) -> None:
+        """Add the position of the pointer."""
+        place = (pointer.x, pointer.y)
+        if not self.corners or place != self.corners[-1]:
+            self.corners.append(place)
+        if len(self.corners) > CORNERS_MAX:
+            del self.corners[1:-1:2]
+
+    def take(self, view: SceneView, pointer: Pointer) -> tuple[Callable[[Vector], Outline], Vector] | None:
+        """Return the region inside the outline and the eye, and clear the outline; None if it has no area.
+
+        The region is a function of the map from W to the frame of the region.
+        """
+        corners, self.corners = np.array(self.corners), []
+        eye = view.eye(pointer)
+        if len(corners) < 3 or eye is None:
+            return None
+        X_WE, slope = eye
+        flat = (2 * corners - 1) * slope
+        X_EW = np.linalg.inv(X_WE)
+        return lambda X_BW: Outline(X_EW @ np.linalg.inv(X_BW), flat), X_WE[:3, 3]
+
+
+TOOLS: Final = ("brush", "fill", "sphere", "eraser", "pick", "touch", "lasso")
 
 STROKES: Final = ("brush", "eraser")
+REGIONS: Final = ("sphere", "lasso")
+"""Tools that paint when the button is released."""
 
 FIRST_SWATCH: Final = "wood"
 """Initial swatch for a scene that has only plain, so that a first stroke is visible."""
@@ -53,6 +95,7 @@ class Tools:
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
         self.falloff, self.opacity = 0.0, 1.0
+        self.outline = LassoOutline()
         self.force_N = 1.0
         self.pressed = False
         self._stroke: Stroke | None = None
@@ -97,6 +140,7 @@ class Tools:
 
     def finish(self) -> None:
         """End the operation of the pointer."""
+        self.outline.corners = []
         if self.stroking:
             self._session.end_stroke()
         if self.pressed and self.name == "touch":
@@ -139,6 +183,11 @@ class Tools:
             return
         self.finish()  # in case a release was lost
         self._before = self._session.history.state
+        if self.name == "lasso":
+            self.ensure_swatch()
+            self.pressed = True
+            self.outline.add(pointer)
+            return
         hit = self._session.pick(*ray, visible_only=True)
         if hit is None:
             self._say("There is no surface here: start on a body.")
@@ -170,6 +219,9 @@ class Tools:
         ray = self._view.ray(pointer)
         if ray is None or not self.pressed:
             return
+        if self.name == "lasso":
+            self.outline.add(pointer)
+            return
         if self._stroke is not None:
             with self._session.lock:
                 if not self._stroke.in_progress:  # ended by an operation of another page or by a key
@@ -187,12 +239,11 @@ class Tools:
             self._show_region()
 
     async def release(self, pointer: Pointer | None) -> None:
-        """Handle a release of the button; None cancels a sphere without painting."""
+        """Handle a release of the button; None cancels a sphere or lasso without painting."""
         try:
             if pointer is not None and self.pressed:
                 await self.drag(pointer)  # the position of the release
-                if self.name == "sphere":
-                    self._fill_sphere()
+                self._fill_region(pointer)
                 if self.stroking:
                     self._session.end_stroke()
                 if self.name in STROKES and self._session.history.state == self._before:
@@ -210,10 +261,23 @@ class Tools:
         if self.name == "sphere":
             self._marks.show_sphere(*self._sphere())
 
-    def _fill_sphere(self) -> None:
-        count = self._session.fill_sphere(
-            *self._sphere(), self.ensure_swatch(), opacity=self.opacity, eye_W_m=self._eye_W_m
-        )
+    def _fill_region(self, pointer: Pointer) -> None:
+        """Paint inside the sphere or the outline."""
+        if self.name not in REGIONS:
+            return
+        if self.name == "sphere":
+            count = self._session.fill_sphere(
+                *self._sphere(), self.ensure_swatch(), opacity=self.opacity, eye_W_m=self._eye_W_m
+            )
+        else:
+            taken = self.outline.take(self._view, pointer)
+            if taken is None:
+                self._say("Draw an outline around the area to paint.")
+                return
+            region_of, eye_W_m = taken
+            count = self._session.fill_region(
+                self.name, region_of, self.ensure_swatch(), opacity=self.opacity, eye_W_m=eye_W_m
+            )
         self._say(f"{face_count_text(count)} painted." if count else "Nothing changed: no unpainted faces inside.")
 
     def _why_nothing(self) -> str:

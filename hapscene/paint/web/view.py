@@ -303,8 +303,11 @@ class SceneView:
         """Points (…, 3) in W [m] in the coordinates of viser."""
         return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self.scale)
 
-    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
-        """Ray from the eye through the pointer: origin in W [m] and direction; None if the page is not connected."""
+    def eye(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """Pose (4, 4) of the eye of a page, and half the width and height (2,) of its picture at z = 1.
+
+        The z axis of the pose points into the picture, the y axis down. None if the page is not connected.
+        """
         client = self._server.get_clients().get(pointer.client)
         if client is None:
             return None
@@ -312,10 +315,19 @@ class SceneView:
         place = np.concatenate([np.ravel(camera.wxyz), np.ravel(camera.position), [camera.fov]])
         if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
             return None  # an invalid camera
-        R_WE = scipy.spatial.transform.Rotation.from_quat(place[:4], scalar_first=True).as_matrix()
-        slope = np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
-        direction = R_WE @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
-        return place[4:7] / self.scale + self.middle_W_m, direction / np.linalg.norm(direction)
+        X_WE = np.eye(4)
+        X_WE[:3, :3] = scipy.spatial.transform.Rotation.from_quat(place[:4], scalar_first=True).as_matrix()
+        X_WE[:3, 3] = place[4:7] / self.scale + self.middle_W_m
+        return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
+
+    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """Ray from the eye through the pointer: origin in W [m] and direction; None if the page is not connected."""
+        eye = self.eye(pointer)
+        if eye is None:
+            return None
+        X_WE, slope = eye
+        direction = X_WE[:3, :3] @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
+        return X_WE[:3, 3], direction / np.linalg.norm(direction)
 
     # --- markers ---
 

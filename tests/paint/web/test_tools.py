@@ -85,6 +85,7 @@ SETTINGS = {
     "eraser": STROKE,
     "fill": {"Fill", "Angle [°]"},
     "sphere": {"Size [mm]", "Opacity [%]"},
+    "lasso": {"Opacity [%]"},
     "touch": {"Force [N]"},
     "pick": set(),
 }
@@ -231,3 +232,14 @@ def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
     tab.point("up", TOP)
     tab.settle()
     assert not any("already" in said for said in tab.said)
+
+
+def test_a_lasso_paints_the_visible_surface_inside(page: Page, tab: Tab) -> None:
+    tab.tools.choose_swatch("wood", "wood")
+    corners = [TOP + d for d in np.array([(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]) * 1e-3]
+    tab.send("tool", name="lasso")
+    lasso = drawn(page, tab, *corners, corners[0])
+    ball = page.context.session.scene.bodies[0]
+    assert (lasso[0] != 0).any() and not tab.state["outline"]
+    z = ball.mesh.triangles_m.mean(axis=1) @ ball.X_WB[2, :3]
+    assert z[lasso[0] != 0].min() > 0.0  # not the other side
