@@ -13,7 +13,6 @@ from hapscene.paint.web.context import ClientContext, Container, aria, card_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.surface.swatch import Swatch, touched_with
 from hapscene.surface.swatch_summary import Phrase
-from hapscene.swatches import library
 from hapscene.swatches.picture import ball_png
 from hapscene.swatches.sound import swatch_sound
 from hapscene.view.palette import rgb
