@@ -494,6 +494,7 @@ class OrderHandler:
     def end(self) -> None:
         """Stop the loop and release the shared memory."""
         self.pause()
+        self._channel.channel.stop_force = 1  # a handle is silent at once
         for renderer in self._renderers:
             renderer.world = renderer.world._replace(impulse=np.zeros_like(renderer.world.impulse))
 
