@@ -13,7 +13,7 @@ from hapscene.compiled.native import INTERPRETED
 from hapscene.device.sim.hand import grip_named
 from hapscene.stability import z_width
 from hapscene.stability.study import stability
-from hapscene.surface.effect_registry import listed
+from hapscene.surface.effect import EFFECTS
 from hapscene.surface.swatch import Swatch
 from hapscene_evidence.chart.question import Point
 from hapscene_evidence.chart.table import Table
@@ -38,7 +38,7 @@ def test_warmup_compiles_into_the_cache(
 def test_effects_are_listed_with_their_parameters(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "effects"]) == 0
     output = capsys.readouterr().out
-    for name, item in listed().items():
+    for name, item in EFFECTS.listed().items():
         assert item.plugin is not None and f"{name}  (" in output and item.plugin.summary in output
         assert all(param.meaning in output for param in item.plugin.params)
         assert (f"settings={{'{name}': " in output) == (item.plugin.scope == "scene")

@@ -67,7 +67,9 @@ def test_at_the_end_the_state_of_unsaved_changes_is_printed(
     ):
         session = SimpleNamespace(document=SimpleNamespace(changed=changed, problem="full disk"), dirty=dirty)
         session.path, context = "a.scene.json", SimpleNamespace(session=session, touch=touch)
-        vars(page).update(url="http://here", public=kept, kept=kept, context=context)
+        vars(page).update(
+            url="http://here", network_url="http://10.0.0.1" if kept else None, kept=kept, context=context
+        )
         problems = iter(["", "no hand", "no hand", KeyboardInterrupt])
 
         def sleep(span_s: float, problems: Any = problems) -> None:

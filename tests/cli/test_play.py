@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main, play
+from hapscene.cli.options import PageOptions
 from hapscene.cli.play import _devices
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
@@ -152,18 +153,23 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
     found: dict[str, object] = {}
 
     @contextmanager
-    def started(scene: object, given: object, last: object, say: object, **made: object) -> Iterator[object]:
-        found.update(given if isinstance(given, dict) else {}, last=last)
+    def on_page(scene: object, title: str, page: object, kiosk_s: float, **made: object) -> Iterator[object]:
+        found.update(title=title, page=page, kiosk_s=kiosk_s)
         yield FakeServo()
 
-    monkeypatch.setattr("hapscene.play.start.on_page", started)
-    monkeypatch.setattr("hapscene.play.start.with_device", started)
+    @contextmanager
+    def with_devices(scene: object, devices: object, at: object, **made: object) -> Iterator[object]:
+        found.update(at=at)
+        yield FakeServo()
+
+    monkeypatch.setattr(play, "_on_page", on_page)
+    monkeypatch.setattr(play, "_with_devices", with_devices)
     monkeypatch.setattr(play, "_watch", lambda servo, logs, seconds: found.update(seconds=seconds))
     for options, given in (
-        (["--no-browser"], {"kiosk_s": math.inf, "last": False, "seconds": math.inf}),
-        (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "last": True, "seconds": 3.0}),
-        (["--device", "omni", "--handle", "audio"], {"last": None}),
-        (["--device", "omni", "--at", "0", "0", "0.1"], {"last": (0.0, 0.0, 0.1)}),
+        (["--no-browser"], {"kiosk_s": math.inf, "page": PageOptions(no_browser=True), "seconds": math.inf}),
+        (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "page": PageOptions(), "seconds": 3.0}),
+        (["--device", "omni", "--handle", "audio"], {"at": None}),
+        (["--device", "omni", "--at", "0", "0", "0.1"], {"at": (0.0, 0.0, 0.1)}),
     ):
         found.clear()
         assert main(["play", DEMO, *options]) == 0

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from hapscene.cli import main
 from hapscene.errors import SwatchError, printable
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_summary import Phrase
 from hapscene.swatches import site as static_site
 from hapscene.swatches.library import add, entry_of, load_swatch, own_entries
 from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
-from hapscene.swatches.words import Phrase
 
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
@@ -165,7 +165,7 @@ def test_figure_of_a_quality_has_the_reason_why_it_is_assumed(figure: str, reaso
     phrase = Phrase("hardness", "firm", figure)
     for key in ("stiffness_N_m", "stiffness_N_m.level"):
         row = static_site._row(Swatch("a", absent={key: reason} if reason else {}), phrase)
-        assert row.endswith(f'<td class="value">firm</td><td class="figure"><bdi>{shown}</bdi></td></tr>')
+        assert row == ("hardness", "firm", shown)
 
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())
