@@ -30,6 +30,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert done == ["mean 0", "mean 2", "mean 3", "mean 4"]
     done.clear()
     assert run_tasks(tasks, journal=journal, jobs=1, after=lambda n, of, key: done.append(key)) == found
+    assert sum(not line for line in journal.read_text().splitlines()) == 0
     assert done == []
 
 

@@ -351,7 +351,8 @@ def run(
             raise StudyError(f"{fault}; {session.done} answers are saved; {resume}")
         report = player.report()
         lines = [f"{participant}: {session.done} of {session.total} answered, in {folder / 'results.csv'}"]
-        lines += [f"{name}: {report[name]:.0f}" for name in ("clipped", "underruns") if report.get(name)]
+        counts = {"clipped": "clipped samples", "underruns": "underruns of the output"}
+        lines += [f"{text}: {report[name]:.0f}" for name, text in counts.items() if report.get(name)]
         lines.append(f"report: hapscene lab study report {folder}" if session.trial is None else resume)
         print_lines(lines)
 

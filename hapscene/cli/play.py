@@ -213,7 +213,6 @@ def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
                     raise
                 _write_log(servo, logs, str(error))
                 raise
-            monitor.lines()
         print_lines(["", *monitor.summary()])
 
 

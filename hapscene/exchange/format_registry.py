@@ -275,10 +275,11 @@ def import_scene(
 
     Args:
         path: GLB, or any mesh file.
-        unit, up, scale: of a mesh file, see `hapscene.load_mesh`; exported scenes define them.
+        unit, up, scale: unit of length, vertical axis and scale of a mesh file, see `hapscene.load_mesh`; exported
+            scenes define them.
 
     Raises:
-        SceneError: the file is missing, damaged or not a scene.
+        SceneError: the file is missing, damaged or not a scene, or `unit`, `up` or `scale` contradicts it.
         MeshError: a mesh in the file is invalid.
         SwatchError: a swatch in the file is invalid.
     """

@@ -138,13 +138,12 @@ class Board:
 class SerialSource(Board):
     """A handle on a serial port, as a `ForceSource`."""
 
-    def __init__(self, name: str, baud: int = BAUD, say: Callable[[float], None] = lambda share: None) -> None:
-        """Open the port and wait for the handle's header. `say` receives the share that was played, 0 … 1.
+    def __init__(self, name: str, baud: int = BAUD) -> None:
+        """Open the port and wait for the handle's header.
 
         Raises:
             HandleError: no such port, no answer, or the device is not a handle.
         """
-        self._say = say
         with refusing(HandleError):
             wire = SerialWire(name, baud)
         super().__init__(name, wire)
@@ -169,7 +168,6 @@ class SerialSource(Board):
                 sent = end
             step = self._wait_for_progress(played % WRAP, sent == len(counts))
             played = played + step if step else len(counts)  # the last lines of force were lost
-            self._say(min(1.0, played / len(counts)))
         return self._collect_samples()
 
     def _wait_for_progress(self, before: int, all_sent: bool) -> int:

@@ -180,7 +180,7 @@ def _draw_regions(ax: "Axes", regions: Sequence[StableRegion]) -> None:
     x, y = np.array(regions[0].damping_Ns_m)[kept], np.clip(theory[kept], bottom, TOP_N_M)
     ax.plot(x, y, "--", color=INK, linewidth=1.2, label="closed form, without friction")
     ax.set_xscale("symlog", linthresh=0.5, linscale=0.6)
-    ax.set(yscale="log", xlim=(-0.75, max(regions[0].damping_Ns_m)), ylim=(bottom, TOP_N_M))
+    ax.set(yscale="log", xlim=(-0.75, None), ylim=(bottom, TOP_N_M))
     ticks = (0, 0.5, 2, 8, 32, 128)
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.xaxis.minorticks_off()

@@ -127,7 +127,6 @@ def _read(place: Traversable, tags: tuple[str, ...]) -> Source:
 def publish(
     sources: Sequence[Source],
     folder: str | os.PathLike[str],
-    title: str = TITLE,
     say: Callable[[str], None] = lambda text: None,
 ) -> list[LibraryEntry]:
     """Write the web site of a library, completely or not at all.
@@ -137,7 +136,6 @@ def publish(
     Args:
         sources: swatches from `gather`.
         folder: target folder; created if missing.
-        title: title of the first page.
         say: receives progress messages.
 
     Returns:
@@ -164,9 +162,9 @@ def publish(
         with whole_folder(folder, before) as part:
             for i, (source, entry) in enumerate(zip(sources, entries, strict=True), 1):
                 say(f"{i}/{len(sources)}  {entry.name}\n")
-                _write_swatch(source, entry, scale, part, title)
+                _write_swatch(source, entry, scale, part)
             write_index(part, entries)
-            (part / PAGE).write_text(first_page(swatches, entries, title), encoding="utf-8", newline="\n")
+            (part / PAGE).write_text(first_page(swatches, entries), encoding="utf-8", newline="\n")
     except OSError as error:
         why = str(error.strerror or error).removeprefix("cannot be written: ")
         raise SwatchError(f"{folder}: cannot be written: {why}") from None
@@ -189,14 +187,14 @@ def _published_files(folder: Path) -> set[str]:
     return _files_of(parse_index(data, str(folder / INDEX)))
 
 
-def _write_swatch(source: Source, entry: LibraryEntry, scale: "Scale", part: Path, title: str) -> None:
+def _write_swatch(source: Source, entry: LibraryEntry, scale: "Scale", part: Path) -> None:
     """Write all files of one swatch."""
     stem = entry.file.removesuffix(SUFFIX)
     (part / entry.file).write_bytes(source.data)
     (part / f"{stem}.wav").write_bytes(wav_bytes(swatch_sound(source.swatch)))
     (part / f"{stem}-ball.png").write_bytes(ball_png(source.swatch))
     (part / f"{stem}-touch.html").write_text(touch_page(source.swatch), encoding="utf-8", newline="\n")
-    page = swatch_page(source.swatch, entry, _plots(source.swatch, scale), title)
+    page = swatch_page(source.swatch, entry, _plots(source.swatch, scale))
     (part / f"{stem}.html").write_text(page, encoding="utf-8", newline="\n")
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.errors import MeshError
+from hapscene.errors import FormatError, MeshError
 from hapscene.scene import mesh, mesh_file
-from hapscene.scene.gltf_check import check_gltf
+from hapscene.scene.gltf_check import check_gltf, parse_gltf
 from hapscene.scene.mesh_file import load_mesh
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
@@ -130,6 +130,17 @@ def test_nodes_must_be_a_tree(tmp_path: Path, children: dict[int, list[int]], no
         nodes[index] |= {"children": own}
     with pytest.raises(MeshError, match=rf"nodes\[{node}\]"):
         load_mesh(write(tmp_path, gltf(nodes=nodes)))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "strict", "fits"), [("glb", True, False), ("glb", False, True), ("gltf", False, False)]
+)
+def test_invalid_text_is_read_from_a_binary_file_of_another_program_alone(
+    tmp_path: Path, suffix: str, strict: bool, fits: bool
+) -> None:
+    content = write(tmp_path, gltf(extras="name"), suffix).read_bytes().replace(b"name", b"na\xffe")
+    with nullcontext() if fits else pytest.raises(FormatError, match="not a valid"):
+        assert parse_gltf(content, suffix == "glb", "a", strict)[0]["extras"] == "na\N{REPLACEMENT CHARACTER}e"
 
 
 def test_too_many_lists_raise(tmp_path: Path) -> None:

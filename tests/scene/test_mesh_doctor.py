@@ -38,6 +38,8 @@ FAN = Mesh(
     np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
 )
 INWARD = F[:, ::-1]
+TIPS = np.concatenate([np.eye(3), -np.eye(3)])  # an octahedron, whose faces all reach its middle planes
+SIDES = np.array([[0, 1, 2], [1, 0, 5], [0, 2, 4], [2, 1, 3], [5, 4, 3], [4, 5, 0], [5, 3, 1], [3, 4, 2]])
 
 BROKEN = {
     "whole": (Mesh(V, F), {}),
@@ -53,6 +55,8 @@ BROKEN = {
     "gap": (t_junction(1e-3), {"open_edges": 7}),
     "three at an edge": (FAN, {"open_edges": 6, "nonmanifold_edges": 1}),
     "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
+    "cavity aside": (joined((TIPS, SIDES), (TIPS * 0.05 - 0.2, SIDES[:, ::-1])), {}),
+    "other cavity aside": (joined((TIPS, SIDES), (TIPS * 0.05 + 0.2, SIDES[:, ::-1])), {}),
     "cavity with a solid inside out": (joined((V, F), (V * 0.6, INWARD), (V * 0.3, INWARD)), {"inside_out": 1280}),
 }
 

@@ -2,6 +2,7 @@
 
 import tracemalloc
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -217,6 +218,13 @@ def test_binary_stl_with_more_faces_than_declared_raises(tmp_path, count):
     content = ball("stl")
     (tmp_path / "ball.stl").write_bytes(content[:80] + count.to_bytes(4, "little") + content[84:])
     with pytest.raises(MeshError, match=f"{count} faces"):
+        load_mesh(tmp_path / "ball.stl", "m")
+
+
+@pytest.mark.parametrize(("rest", "damaged"), [(49, False), (50, True)])
+def test_bytes_after_a_binary_stl_that_are_not_faces_are_ignored(tmp_path, rest, damaged):
+    (tmp_path / "ball.stl").write_bytes(ball("stl") + b"\1" * rest)
+    with pytest.raises(MeshError, match="follow") if damaged else nullcontext():
         load_mesh(tmp_path / "ball.stl", "m")
 
 

@@ -49,7 +49,7 @@ def test_the_omni_is_stable_within_its_limits() -> None:
     points = place("omni", Omni(), 1000.0, 1, LIGHT, [Swatch("steel", 20_000.0, 3.0), Swatch("felt", 200.0)])
     steel, felt = points
     assert not steel.stable and steel.capped_stable and steel.capped_N_m < 1000.0
-    assert felt.stable and felt.capped_stable and felt.capped_N_m == 200.0
+    assert felt.stable and felt.capped_stable and (felt.capped_N_m, felt.capped_Ns_m) == (200.0, felt.damping_Ns_m)
 
 
 def test_many_swatches_at_one_position_share_a_label() -> None:
@@ -96,11 +96,12 @@ def test_study_writes_its_tables_and_a_panel_for_each_rate_and_delay(
     region = StableRegion("omni", 1000.0, 0, (0.0, 2.0, 8.0), (800.0, math.inf, 0.0), (-1.0, 900.0, 1e6))
     regions = [replace(region, rate_Hz=rate_Hz, delay_ticks=delay) for delay in (0, 2) for rate_Hz in (1e3, 2e3)]
     monkeypatch.setattr(study, "trace_all", lambda *given, **more: regions)
-    monkeypatch.setattr(study, "place", lambda *given: [STEEL, GEL, FELT])
+    bodies = list[object]()
+    monkeypatch.setattr(study, "place", lambda name, body, *given: bodies.append(body) or [STEEL, GEL, FELT])
     monkeypatch.setattr(study, "save_both", lambda figure, path, dpi: pictures.append(figure))
     made = stability(tmp_path / "out", "omni", (1000.0, 2000.0), (0, 2), LIGHT, [], said.append)
     assert [file.name for file in made] == ["swatches.csv", "z_width.csv"]
-    assert len(said) == 9
+    assert len(said) == 9 and len(bodies) == 4 and all(isinstance(body, Omni) for body in bodies)
     with made[1].open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 12 and list(rows[1].values()) == ["omni", "1000", "0", "2", "inf", "900"]

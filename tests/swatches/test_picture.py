@@ -9,7 +9,7 @@ from PIL import Image
 
 from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
-from hapscene.swatches.picture import BALL_PX, _period_m, ball_png
+from hapscene.swatches.picture import BALL_M, BALL_PX, _period_m, _slopes, ball_png
 
 
 def pixels(swatch: Swatch, colour: tuple[float, float, float] | None = None) -> NDArray[np.float64]:
@@ -31,6 +31,9 @@ def test_period() -> None:
     for name, period_m in (("grating-0.5mm-10um", 5e-4), ("grating-2mm-200um", 2e-3), ("ribs-6mm", 6e-3)):
         found = _period_m(load_swatch(name).texture, 1.0)
         assert found == pytest.approx(period_m, rel=0.03)
+        slopes = _slopes(load_swatch(name).texture)
+        assert not slopes[..., 1].any() and slopes[..., 0].std() == pytest.approx(1.0, rel=0.01)
+        assert np.argmax(np.abs(np.fft.rfft(slopes[0, :, 0]))) == max(round(BALL_M / found), 1)  # grooves in the tile
     for name in ("wood", "epoxy", "sandpaper-p60", "steel-lapped", "rubber-soft"):
         assert _period_m(load_swatch(name).texture, 1.0) is None
 

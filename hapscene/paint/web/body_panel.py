@@ -39,7 +39,7 @@ UNITS: Final = ("mm", "cm", "m", "in")
 """Units offered for a mesh whose file has no unit."""
 
 ASK_MAX: Final = 3
-"""Largest number of questions about the size of bodies [count]."""
+"""Largest number of questions about size or upright position [count]; no questions about more bodies."""
 
 AXES: Final = "xyz"
 
@@ -234,6 +234,8 @@ class BodyPanel:
                 asked.append(
                     (body.name, advice.words.rpartition("; ")[0], advice.scale, np.ptp(body.mesh.bounds_m, axis=0))
                 )
+        if len(asked) > ASK_MAX:
+            self._context.say(f"{len(asked)} bodies are too large or too small for the hand: scale them in Bodies.")
         for name, words, scale, size_m in reversed(asked if len(asked) <= ASK_MAX else []):
             self._context.ask(
                 "Check the size",

@@ -143,7 +143,7 @@ class PageContext:
 
 @dataclass(frozen=True, kw_only=True)
 class ClientContext(PageContext):
-    """Objects of one browser: tools, controls, messages and dialogs are its own.
+    """Objects of one browser: tools, controls and messages are its own.
 
     Attributes:
         client: viser's handle of the browser.

@@ -138,7 +138,7 @@ class ParameterPanel:
                     max=max(math.floor(p.maximum / step + 1e-9) * step, _rounded(p.value)),
                     step=step,
                     initial_value=_rounded(p.value),
-                    hint=f"{_capital(p.meaning)}",
+                    hint=_capital(p.meaning),
                 )
                 slider.precision = FIGURES  # by default, the field would round to the step
                 slider.on_update(callback(partial(self._tune, p)))

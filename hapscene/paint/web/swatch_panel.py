@@ -32,7 +32,7 @@ PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped":
 
 
 class SwatchPanel:
-    """Swatch library panel: a card for each swatch, and details and actions of the selected one.
+    """Swatch library panel: a card for each swatch, and details of the selected one.
 
     The cards are custom HTML, whose buttons call `act` through swatch_library.js.
     """

@@ -18,7 +18,6 @@ import trimesh
 import hapscene
 from hapscene.clock import new_clock
 from hapscene.compiled.native import INTERPRETED
-from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo
 from hapscene.loop.driver import CHANNEL
@@ -26,7 +25,7 @@ from hapscene.loop.servo_process import OrderHandler
 from hapscene.loop.timing import LATE_MAX, TIMING, Timer, start_timer, wait_for_tick
 from hapscene.records import records
 from tests.loop.test_driver import TICK_NS, handler  # noqa: F401  # a fixture
-from tests.loop.test_servo import ASKED, MASS, make_scene
+from tests.loop.test_servo import MASS, make_scene
 from tests.until import until
 
 
@@ -45,28 +44,6 @@ def test_tick_rate_and_target(servo: Servo) -> None:
     assert took_s > 1.4  # 1.5 s of ticks: a busy machine may make it late, never early
     state = servo.state()
     assert state.touching and state.f_W_N[2] > 0.2
-
-
-@pytest.mark.skipif(not hasattr(os, "waitid"), reason="needs waitid")
-def test_killed_process_rejects_calls_and_keeps_its_ticks() -> None:
-    with Servo(make_scene(), MASS) as servo:
-        servo.start((0.0, 0.0, 0.01))
-        until(lambda: servo.state().tick >= 50)
-        os.kill(servo._process.pid, signal.SIGKILL)
-        os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # its end is now visible
-        for asked in ASKED.values():
-            with pytest.raises(HapsceneError, match="exit code -9"):
-                asked(servo)
-        assert "ended" in repr(servo)
-        log = servo.session_log()
-        assert log.first == 0 and log.rows.shape[1] > 50 and np.ptp(log.rows["p_WT_m"][0, :, 2]) < 1e-6
-    for asked in ASKED.values():
-        with pytest.raises(HapsceneError, match="closed"):
-            asked(servo)
-    with pytest.raises(HapsceneError, match="closed"):
-        servo.session_log()
-    with pytest.raises(HapsceneError, match="entered"):
-        servo.__enter__()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGSTOP there")
@@ -100,14 +77,6 @@ def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, script], cwd=root, capture_output=True, text=True, timeout=100.0)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     assert re.fullmatch(r"\[[-0-9. e]+\]\n", done.stdout)
-
-
-def test_error_of_the_process_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    far = np.eye(4)
-    far[0, 3] = 5.0
-    with pytest.raises(HapsceneError, match="reach"), Servo(make_scene(), Omni(), X_WD=far):
-        pass
-    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_interrupted_order_is_completed(servo: Servo) -> None:

@@ -34,6 +34,13 @@ def connected(link: PointerLink, monkeypatch: pytest.MonkeyPatch, tool: int = 0)
     return pointer
 
 
+def test_closed_link_frees_its_port() -> None:
+    link = PointerLink(1, CLEAR_M)
+    link.close()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", link.port))
+
+
 def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
     """Return the position in each tick (ticks, 3) [m]."""
     places = np.zeros((ticks, 3))
