@@ -1,7 +1,8 @@
 """Play a tool's acceleration channel on a handle, live, in its own process.
 
 The separate process avoids the Python locks of the application and of the servo. It reads the channel from the servo's
-shared memory and feeds an output. A board discards its buffer when the application or the servo dies, or stops.
+shared memory and feeds an output. It fades out if the ticks stop. A board discards its buffer when the application
+dies, hangs or is stopped, and on Linux also when the servo dies or is stopped.
 """
 
 import multiprocessing
@@ -182,6 +183,7 @@ def serve_live(
 
     Sends (report, None) or (None, error text): once when it plays, then in answer to each message except "stop".
     """
+    pids = os.getppid(), servo_pid  # now: the application may end while the output is opened
     with suppress(ValueError, AttributeError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the application handles Ctrl-C
         signal.signal(signal.SIGTERM, _end)
@@ -191,7 +193,7 @@ def serve_live(
         shared = open_channel(**channel)
         opened = open_output(output, options)
         made = compensator_of(opened, handle, compensator)
-        fetch = ChannelSource(shared, tool, (os.getppid(), servo_pid)).fetch
+        fetch = ChannelSource(shared, tool, pids).fetch
         stream = LiveStream(fetch, rate_Hz, opened, handle=made, steered=True)
         request_realtime_priority()  # the threads of the output inherit it
         opened.start(stream)

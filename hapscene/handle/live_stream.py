@@ -5,7 +5,7 @@ resample    windowed sinc, at a position that advances by the ratio of the two c
 high-pass   Butterworth filter of second order
 compensate  acceleration to force, if there is a compensator                                    handle_loop.py
 limit       gain with look-ahead                                                                governor.py
-fade        20 ms in and out
+fade        20 ms in and out, 5 ms out where the channel ends without notice
 
 The compensator runs at the output's clock. A sample that the output pulls is one sample of the compensator, and
 measurements carry the number of the sample.
@@ -32,10 +32,13 @@ from hapscene.handle.handle_record import HANDLE
 from hapscene.handle.plant import Array
 from hapscene.records import Record, Records, records
 
-__all__ = ["FADE_S", "PHASES", "LiveStream", "filter_table"]
+__all__ = ["FADE_S", "PHASES", "QUICK", "LiveStream", "filter_table"]
 
 FADE_S: Final = 0.02
 """Duration of a fade [s]. No click is audible, and the delay is below the noticeable 24 ms (Adelstein et al. 2003)."""
+
+QUICK: Final = 4.0
+"""How much faster a fade is where the channel ends without notice [1], because the servo may have died."""
 
 LOOK_AHEAD_S: Final = 0.002
 """Look-ahead of the limiter [s]."""
@@ -267,7 +270,9 @@ def render(s: Record, ring: Array, table: Array, handle: Records, out: Array) ->
             x = command_force(handle[0], x)
             s.limited += 1 if handle[0].due_gain[(handle[0].count - 1) & MASK] < 0.999 else 0
         x = _limited(s, s.gain * x)
-        s.faded = min(s.faded + s.fade_step, 1.0) if s.state == PLAYING else max(s.faded - s.fade_step, 0.0)
+        gap = s.steered == 1 and s.ending == 0 and s.written <= s.whole + s.half
+        step = s.fade_step * (QUICK if gap else 1.0)
+        s.faded = min(s.faded + s.fade_step, 1.0) if s.state == PLAYING else max(s.faded - step, 0.0)
         if s.state == FADING and s.faded == 0.0:
             s.state, s.windows = SILENT, 0
         out[k] = x if s.faded == 1.0 else x * 0.5 * (1.0 - math.cos(math.pi * s.faded))

@@ -183,16 +183,17 @@ def until_needed(
         except (EOFError, OSError):
             return False
         now_s = clock.now_s()
-        moved = row.done != done or row.waiting == ENDED
+        ticked = row.done != done
+        moved = ticked or row.waiting == ENDED
         # count only time in which this process ran, so that its own delays do not count
-        still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
+        still_s = 0.0 if moved else still_s + min(now_s - before_s, 4.0 * LOOK_S)
         done, before_s = int(row.done), now_s
         sent = sent and not moved
         if send_zeros is not None and still_s > BUSY_S and not sent:
             send_zeros()
             sent = True
         patience_s = WAITING_S if row.waiting or send_zeros is not None else BUSY_S
-        state = "running" if moved else state_of(pid)  # to read it takes 0.06 ms
+        state = "running" if ticked else state_of(pid)  # to read it takes 0.06 ms
         if still_s > patience_s or state == "ending" or (still_s > STILL_S and state == "stopped"):
             return False
 

@@ -263,7 +263,7 @@ class _Content(msgspec.Struct, forbid_unknown_fields=True):
 def _swatch(content: dict[str, Json]) -> Swatch:
     try:
         found = msgspec.convert(content, _Content)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, UnicodeError) as error:  # half of a surrogate pair in a key
         raise SwatchError(printable(str(error), REASON_MAX)) from None
     for name in (*found.effects, *(param for numbers in found.effects.values() for param in numbers)):
         if not name.isprintable():

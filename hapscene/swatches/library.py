@@ -444,7 +444,7 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
         content = parse_format(data, "an index of swatches", FORMAT, VERSION)
         try:
             found = msgspec.convert(content, _Index).swatches
-        except msgspec.ValidationError as error:
+        except (msgspec.ValidationError, UnicodeError) as error:  # half of a surrogate pair in a key
             raise SwatchError(printable(str(error), REASON_MAX)) from None
         entries = [_checked(entry, f"swatches[{i}]") for i, entry in enumerate(found)]
         for key, values in (("name", {e.name for e in entries}), ("file", {e.file.casefold() for e in entries})):

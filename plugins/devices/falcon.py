@@ -5,6 +5,7 @@ protocol follows libnifalcon's sources (BSD; src/comm/FalconCommLibUSB.cpp, src/
 src/firmware/FalconFirmwareNovintSDK.cpp).
 """
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -132,7 +133,8 @@ def release(backend: str | None = None, **options: Any) -> None:
     """Send zero force after the driver process has died. Does not load the firmware."""
     usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
     try:
-        usb.write(OUT, REST)  # at once, as the driver has set the chip
+        with suppress(DeviceError):  # at once, as the driver has usually set the chip
+            usb.write(OUT, REST)
         for request, value in RUN:
             usb.control(request, value)
         usb.write(OUT, REST)

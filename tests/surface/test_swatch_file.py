@@ -110,6 +110,8 @@ BAD = {
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
     "overflow": (swatch_to_json(PLAIN).replace("500.0", "1e999"), "stiffness_N_m"),
     "huge integer": (swatch_to_json(PLAIN).replace("500.0", "9" * 5000), ""),
+    "400 digits": (edit(("stiffness_N_m",), 10**400), "stiffness_N_m"),
+    "half of a surrogate pair": (edit(("\ud800",), 1), ""),
     "unknown key": (edit(("stifness_N_m",), 1.0), "stifness_N_m"),
     "long key": (edit(("x\n" * 1000,), 1.0), ""),
     "unknown texture key": (edit(("texture", "ar"), []), "texture"),

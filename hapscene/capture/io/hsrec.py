@@ -140,8 +140,10 @@ class RecordWriter:
 
     def _put(self, kind: bytes, first: int, payload: bytes) -> None:
         body = _CHUNK.pack(kind, len(payload), first) + payload
+        left = memoryview(body + _CHECK.pack(zlib.crc32(body)))
         with self._writing():
-            self._file.write(body + _CHECK.pack(zlib.crc32(body)))
+            while left:  # on a disk that becomes full, a part is written
+                left = left[self._file.write(left) :]
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
