@@ -79,6 +79,12 @@ class Top:
         """What is seen (height, width, 3)."""
         return np.asarray(Image.open(io.BytesIO(self.page.tab.screenshot())).convert("RGB")).astype(np.int16)
 
+    def still(self) -> NDArray[np.int16]:
+        """What is seen once it no longer changes: while the scene changes, frames are simpler."""
+        seen = [self.picture()]
+        until(lambda: bool(seen.append(self.picture()) or np.array_equal(*seen[-2:])))
+        return seen[-1]
+
     def at(self, place_mm: Any) -> NDArray[np.float64]:
         """Where a place of the top is in the window (2,) [pixels]."""
         return self._middle_px + np.multiply(place_mm, (1, -1)) * self._across_px / SIDE_MM
@@ -102,7 +108,7 @@ class Top:
 
     def borders_mm(self, middle_mm: Any) -> NDArray[np.float64]:
         """How far from its middle a dab ends (24,) [mm], seen along as many ways: where the colour turns."""
-        picture = self.picture()
+        picture = self.still()
         inner = self.colour(middle_mm, picture)
         outer = self.colour(np.add(middle_mm, (0, 2 * RADIUS_MM)), picture)
         assert np.abs(inner - outer).sum() > 60, (inner, outer)
