@@ -1,14 +1,20 @@
 """Tasks in this process, in others and on a cluster: the same results, and nothing done twice."""
 
 import os
+import signal
 import statistics
 import sys
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from hapscene.errors import HapsceneError
-from hapscene.parallel import Task, TaskError, iterate_results, run_tasks
+from hapscene.parallel import Json, Task, TaskError, begin_process, iterate_results, run_tasks
 
 
 def means(count: int) -> list[Task]:
@@ -19,17 +25,17 @@ WANTED = {f"mean {k}": k + 1.0 for k in range(5)}
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
-    journal, done = tmp_path / "tasks.jsonl", list[str]()
+    journal, done = tmp_path / "tasks.jsonl", list[tuple[int, int, str]]()
     assert run_tasks(means(3), journal=journal, jobs=1) == {k: WANTED[k] for k in list(WANTED)[:3]}
     whole = journal.read_text()
     journal.write_text(whole[:-5])  # killed while it wrote the last line
     tasks = means(5)
     tasks[0] = Task("mean 0", statistics.fmean, {"data": [7.0]})  # another question with the same key
-    found = run_tasks(tasks, journal=journal, jobs=1, after=lambda n, of, key: done.append(key))
+    found = run_tasks(tasks, journal=journal, jobs=1, after=lambda *told: done.append(told))
     assert found == WANTED | {"mean 0": 7.0}
-    assert done == ["mean 0", "mean 2", "mean 3", "mean 4"]
+    assert done == [(2, 5, "mean 0"), (3, 5, "mean 2"), (4, 5, "mean 3"), (5, 5, "mean 4")]
     done.clear()
-    assert run_tasks(tasks, journal=journal, jobs=1, after=lambda n, of, key: done.append(key)) == found
+    assert run_tasks(tasks, journal=journal, jobs=1, after=lambda *told: done.append(told)) == found
     assert sum(not line for line in journal.read_text().splitlines()) == 0
     assert done == []
 
@@ -45,6 +51,97 @@ def test_a_task_that_fails_is_named() -> None:
 def test_keys_are_unique() -> None:
     with pytest.raises(HapsceneError, match="mean 1"):
         run_tasks([*means(2), *means(2)[1:]], jobs=1)
+
+
+def test_tasks_lost_with_a_process_are_run_again_each_in_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[tuple[int, object]] = []
+
+    def parallel(tasks: Iterable[Task], *, n_jobs: int, **backend: object) -> Iterator[tuple[Task, Json]]:
+        assert backend == {"backend": "loky", "initializer": begin_process, "inner_max_num_threads": 1}
+        tasks = list(tasks)
+        ran.append((len(tasks), n_jobs))
+        for task in tasks:
+            if task.key == "bad":
+                raise BrokenProcessPool
+            yield task, task.function(**task.arguments)
+
+    monkeypatch.setattr("hapscene.parallel._parallel", parallel)
+    tasks = [*means(2), Task("bad", os._exit, {"status": 1}), *means(7)[2:]]
+    results = {task.key: result for task, result in iterate_results(tasks, jobs=2)}
+    assert isinstance(results.pop("bad"), TaskError) and results == {f"mean {k}": k + 1.0 for k in range(7)}
+    assert ran == [(8, 2), *[(1, 2)] * 4, (2, 2)]
+    for count, jobs in ((3, 3), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
+        assert len(list(iterate_results(means(5)))) == 5 and ran[-1] == (5, jobs)
+
+
+def test_a_worker_leaves_ctrl_c_to_its_parent_and_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    did: list[object] = []
+    parents = [7, 7, 1]
+
+    class Thread:
+        def __init__(self, target: Any, daemon: bool) -> None:
+            did.append(daemon)
+            self.start = target
+
+    monkeypatch.setattr("hapscene.parallel.signal.signal", lambda *given: did.append(given))
+    monkeypatch.setattr("hapscene.parallel.threading", SimpleNamespace(Thread=Thread))
+    monkeypatch.setattr("hapscene.parallel.time", SimpleNamespace(sleep=did.append))
+    monkeypatch.setattr("os._exit", lambda code: did.append(f"exit {code}"))
+    monkeypatch.setattr("os.getppid", lambda: parents.pop(0))
+    ignored = (signal.SIGINT, signal.SIG_IGN)
+    for parent, then in ((None, []), (SimpleNamespace(pid=7), [True, 1.0, 1.0, "exit 1"])):
+        monkeypatch.setattr("multiprocessing.parent_process", lambda parent=parent: parent)
+        begin_process()
+        assert did == [ignored, *then]
+        did.clear()
+
+
+@pytest.mark.parametrize("status", ["running", "closed"])
+def test_answers_of_a_cluster(monkeypatch: pytest.MonkeyPatch, status: str) -> None:
+    asked: list[object] = []
+    failures = {"killed": type("KilledWorker", (Exception,), {})(), "odd": OSError("odd")}
+
+    class Client:
+        def __init__(self, *given: object, **more: object) -> None:
+            asked.append((*given, more["set_as_default"]))
+            self.status = status
+
+        def __enter__(self) -> "Client":
+            return self
+
+        def __exit__(self, *error: object) -> None:
+            asked.append("closed")
+
+        def wait_for_workers(self, count: int, timeout: float) -> None:
+            asked.append(count)
+
+        def get_executor(self, pure: bool) -> "Client":
+            assert not pure
+            return self
+
+        def submit(self, call: Any, task: Task) -> "Future[Any]":
+            future: Future[Any] = Future()
+            if task.key == "cancelled":
+                future.cancel()
+                future.set_running_or_notify_cancel()
+            elif task.key in failures:
+                future.set_exception(failures[task.key])
+            else:
+                future.set_result(call(task))
+            return future
+
+    comm = SimpleNamespace(resolve_address=asked.append)
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(comm=comm, Client=Client))
+    bad = [Task(key, statistics.fmean, {"data": [0]}) for key in ("killed", "odd")]
+    if status == "running":
+        results = {task.key: result for task, result in iterate_results([*means(5), *bad], None, "tcp://a:1")}
+        assert isinstance(results.pop("killed"), TaskError) and str(results.pop("odd")) == "OSError: odd"
+        assert results == WANTED
+        bad[1] = Task("cancelled", statistics.fmean, {"data": [0]})
+    with pytest.raises(HapsceneError, match="tcp://a:1"):
+        list(iterate_results(bad[1:], None, "tcp://a:1"))
+    assert asked == ["tcp://a:1", ("tcp://a:1", False), 1, "closed"] * (1 + (status == "running"))
 
 
 @pytest.mark.nightly

@@ -152,6 +152,20 @@ def test_path_through_back_faces_reports_it() -> None:
     assert "misses all faces of the nearest body 'bowl'" in both_sides
 
 
+def test_distance_of_a_path_is_to_the_box_of_the_nearest_body_at_its_pose() -> None:
+    bar = Mesh.from_trimesh(trimesh.creation.box((0.1, 0.02, 0.04)), "m")
+    turned = np.array([[0.0, 0, 1, 0.3], [1, 0, 0, 0.1], [0, 1, 0, 0.2], [0, 0, 0, 1]])
+    scene = Scene()
+    for name, aside_m in (("far", -0.5), ("bar", 0.0), ("farther", -0.7)):
+        X_WB = turned.copy()
+        X_WB[0, 3] += aside_m
+        scene.add(bar, name=name, pose=X_WB)
+    for side in ((1, 1, 1), (-1, -1, -1)):
+        at = turned[:3, 3] + np.array(side) * (0.05, 0.09, 0.13)  # 3, 4 and 12 cm off the bar, which lies along y
+        reason = why_nothing(scene, np.linspace(at, at + np.array(side) * (0.1, 0.0, 0.0), 50))
+        assert "stays 130 mm away" in reason and "'bar' of size 109.5 mm" in reason
+
+
 def test_closed_loop_without_contact_reports_the_reason(tmp_path: Path) -> None:
     from hapscene.device.sim.point import PointMass
     from hapscene.loop import ReferenceTrajectory, Twin

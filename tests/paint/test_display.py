@@ -3,6 +3,8 @@
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,9 @@ from trimesh.triangles import closest_point
 import hapscene
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
-from hapscene.paint.model.display import CHUNK, ChunkKey, Display, reduce_mesh, triangle_shares
+from hapscene.paint.model.display import CHUNK, ChunkKey, Display, reduce_mesh, subface_triangles, triangle_shares
 from hapscene.paint.model.mesh import PaintableMesh
+from hapscene.paint.model.painting import UNUSED_MESHES_MAX, drop_unused_meshes
 from hapscene.paint.model.session import Hit, Session
 from hapscene.scene.scene import Scene
 
@@ -29,6 +32,26 @@ def session() -> Session:
     scene.add(BALL, name="twin")
     scene.add(plate_mesh(cells=2), name="plate")
     return Session(scene)
+
+
+def test_subfaces_overlap_by_moving_their_corners_away_from_their_middle() -> None:
+    halves: Any = SimpleNamespace(corners=lambda: np.array([np.eye(3), [[1, 0, 0], [0.5, 0.5, 0], [0, 0, 1]]]))
+    face_m = np.array([[0.0, 0, 1], [0.4, 0, 1], [0, 0.6, 1]])
+    whole_m = subface_triangles(halves, np.array([face_m, face_m]), 0.0)
+    np.testing.assert_allclose(whole_m, [face_m, [[0, 0, 1], [0.2, 0, 1], [0, 0.6, 1]]], atol=1e-7)
+    middle_m = whole_m.mean(axis=1, keepdims=True)
+    before, after = (x - middle_m for x in (whole_m, subface_triangles(halves, np.array([face_m, face_m]), 0.05)))
+    length_m = np.linalg.norm(before, axis=2, keepdims=True)
+    np.testing.assert_allclose(after, before * (1 + 0.05 / length_m), atol=1e-6)
+
+
+def test_meshes_in_use_and_the_last_unused_ones_are_kept() -> None:
+    meshes = [SimpleNamespace() for _ in range(UNUSED_MESHES_MAX + 4)]
+    made = {id(mesh): k for k, mesh in enumerate(meshes)}
+    bodies: list[Any] = [SimpleNamespace(mesh=meshes[k]) for k in (0, 2)]
+    for _ in range(2):
+        drop_unused_meshes(made, bodies)
+        assert list(made.values()) == [0, 2, *range(4, UNUSED_MESHES_MAX + 4)]
 
 
 def test_chunks_hold_each_face_once_and_are_small(session) -> None:

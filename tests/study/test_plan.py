@@ -3,6 +3,7 @@
 import tomllib
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from hapscene.errors import StudyError
@@ -30,9 +31,55 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
     assert staircase.distances[1] / staircase.distances[0] == pytest.approx(32 ** (1 / 31))
 
 
+DEFAULTS = """
+title = "Short"
+people = 3
+[stimuli.a]
+swatch = "wood"
+[[blocks]]
+name = "r"
+kind = "rating"
+stimuli = ["a"]
+[[blocks]]
+name = "c"
+kind = "2ifc"
+pairs = [["a", "a2"]]
+[[blocks]]
+name = "s"
+kind = "staircase"
+stimulus = "a"
+parameter = "speed_m_s"
+levels = [0.1, 0.4, 3]
+[stimuli.a2]
+swatch = "paper"
+"""
+
+
+def test_defaults_of_a_plan() -> None:
+    plan = parse_plan(DEFAULTS)
+    assert (plan.channel, plan.seed, plan.consent, plan.instructions, plan.folder) == ("headphones", 0, "", "", ".")
+    stimulus = msgspec.structs.asdict(plan.stimuli["a"])
+    assert {key: value for key, value in stimulus.items() if value} == {
+        **{"name": "a", "swatch": "wood", "force_N": 1.0, "speed_m_s": 0.1, "seconds": 1.5, "life": True}
+    }
+    rating, choice, staircase = plan.blocks
+    assert (rating.repeats, rating.scale, rating.labels, rating.margin, rating.used) == (1, (1, 7), None, 0.0, ("a",))
+    assert (choice.repeats, choice.margin, choice.used) == (1, 0.0, ("a", "a2"))
+    assert (staircase.reference, staircase.trials, staircase.used) == (0.0, 40, ("a",))
+    assert [block.trial_count for block in plan.blocks] == [1, 1, 40]
+    assert staircase.distances == pytest.approx((0.1, 0.2, 0.4))
+    from_half = msgspec.structs.replace(staircase, reference=0.5)
+    assert from_half.varied(plan.stimuli["a"], 0.2) == msgspec.structs.replace(plan.stimuli["a"], speed_m_s=0.7)
+    for one in (plan, *plan.stimuli.values(), *plan.blocks):
+        with pytest.raises(AttributeError):
+            setattr(one, one.__struct_fields__[0], "other")
+
+
 WRONG = {
     "channel": ('channel = "headphones"', 'channel = "phone"', "$.channel"),
     "unknown": ("seed = 1", "sed = 1", "unknown field `sed`"),
+    "unknown of a stimulus": ("life = false", "lif = false", "unknown field `lif`"),
+    "unknown of a block": ("repeats = 8", "repeat = 8", "unknown field `repeat`"),
     "not finite": ("life = false", "gain_dB = nan", "gain_dB"),
     "neither": ('swatch = "paper"', "", "stimuli.rough"),
     "name": ("[stimuli.rough]", "[stimuli.'1e5']", "$.stimuli"),

@@ -77,3 +77,19 @@ def test_another_file_is_refused(path: Path, content: bytes) -> None:
     assert path.read_bytes() == content
     with pytest.raises(StudyError, match="cannot be written"):
         ResultsFile(path.parent)
+
+
+def test_no_part_of_a_row_that_could_not_be_written_remains(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, file = path.read_bytes(), ResultsFile(path)
+
+    def refuse(file: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", refuse)
+        with pytest.raises(StudyError, match="No space left"):
+            file.add(ROW)
+    assert path.read_bytes() == before
+    file.add(ROW | {"trial": 3})
+    file.close()
+    assert [row["trial"] for row in load_rows(path)] == ["0", "1", "2", "3"]

@@ -1,6 +1,8 @@
 """The tools in hand, through the page's real protocol."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ import hapscene
 from hapscene.paint.model.session import FILLS, Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tool_panel import FORCE_N
-from hapscene.paint.web.tools import RADIUS_SHARE
+from hapscene.paint.web.tools import CORNERS_MAX, RADIUS_SHARE, LassoOutline
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -69,6 +71,18 @@ def test_damaged_library_is_reported_and_painting_continues(page: Page, tab: Tab
     tab.send("undo")
     tab.wait(lambda: tab.state["redo"])
     tab.settle()  # the connection still works
+
+
+def test_a_long_outline_keeps_its_ends_and_every_second_corner_between() -> None:
+    outline = LassoOutline()
+    for k in range(CORNERS_MAX):
+        for pointer in (SimpleNamespace(x=k, y=-k),) * 2:  # a pointer that rests adds nothing
+            outline.add(pointer)
+    assert outline.corners == [(k, -k) for k in range(CORNERS_MAX)]
+    outline.add(SimpleNamespace(x=CORNERS_MAX, y=0))
+    assert outline.corners == [*((k, -k) for k in range(0, CORNERS_MAX, 2)), (CORNERS_MAX, 0)]
+    view: Any = SimpleNamespace(eye=lambda pointer: (np.eye(4), 0.5))
+    assert outline.take(view, SimpleNamespace()) is not None and outline.corners == []
 
 
 def test_the_brush_stays_within_its_bounds(page: Page, tab: Tab) -> None:
