@@ -5,7 +5,6 @@ import signal
 import statistics
 import sys
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from types import SimpleNamespace
@@ -95,53 +94,6 @@ def test_a_worker_leaves_ctrl_c_to_its_parent_and_ends_with_it(monkeypatch: pyte
         begin_process()
         assert did == [ignored, *then]
         did.clear()
-
-
-@pytest.mark.parametrize("status", ["running", "closed"])
-def test_answers_of_a_cluster(monkeypatch: pytest.MonkeyPatch, status: str) -> None:
-    asked: list[object] = []
-    failures = {"killed": type("KilledWorker", (Exception,), {})(), "odd": OSError("odd")}
-
-    class Client:
-        def __init__(self, *given: object, **more: object) -> None:
-            asked.append((*given, more["set_as_default"]))
-            self.status = status
-
-        def __enter__(self) -> "Client":
-            return self
-
-        def __exit__(self, *error: object) -> None:
-            asked.append("closed")
-
-        def wait_for_workers(self, count: int, timeout: float) -> None:
-            asked.append(count)
-
-        def get_executor(self, pure: bool) -> "Client":
-            assert not pure
-            return self
-
-        def submit(self, call: Any, task: Task) -> "Future[Any]":
-            future: Future[Any] = Future()
-            if task.key == "cancelled":
-                future.cancel()
-                future.set_running_or_notify_cancel()
-            elif task.key in failures:
-                future.set_exception(failures[task.key])
-            else:
-                future.set_result(call(task))
-            return future
-
-    comm = SimpleNamespace(resolve_address=asked.append)
-    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(comm=comm, Client=Client))
-    bad = [Task(key, statistics.fmean, {"data": [0]}) for key in ("killed", "odd")]
-    if status == "running":
-        results = {task.key: result for task, result in iterate_results([*means(5), *bad], None, "tcp://a:1")}
-        assert isinstance(results.pop("killed"), TaskError) and str(results.pop("odd")) == "OSError: odd"
-        assert results == WANTED
-        bad[1] = Task("cancelled", statistics.fmean, {"data": [0]})
-    with pytest.raises(HapsceneError, match="tcp://a:1"):
-        list(iterate_results(bad[1:], None, "tcp://a:1"))
-    assert asked == ["tcp://a:1", ("tcp://a:1", False), 1, "closed"] * (1 + (status == "running"))
 
 
 @pytest.mark.nightly

@@ -232,7 +232,7 @@ def identify(
     sine = Sweep(sweep.low, sweep.high, sweep.seconds, sweep.force)
     signal = f"swept sine, {sine.low_Hz:g} to {sine.high_Hz:g} Hz, {sine.sweep_s:g} s, at most {sine.force_N:g} N"
     if files:
-        recordings = load_grips(files, recording.rate, recording.columns or {}, recording.units or {})
+        recordings = load_grips(files, **recording.reading())
         provenance = f"from {', '.join(files)}"
     elif port is not None:
         recordings = _from_port(port, hardware.baud, grips, sine, guess)

@@ -38,6 +38,15 @@ def test_identification_from_recordings(folder: Path, tmp_path: Path, capsys: py
     first, second = load_handle(folder / "ours.handle"), load_handle(tmp_path / "b.handle")
     assert first.plant.m_h_kg == pytest.approx(second.plant.m_h_kg, rel=1e-5)
     assert [grip.name for grip in second.grips] == ["grip-1", "grip-2"]
+    tables = [str(tmp_path / f"grip-{i}.csv") for i in (1, 2)]
+    for grip, table in zip(grips, tables, strict=True):
+        with np.load(grip) as stored:
+            rows = np.column_stack((stored["force"] * 1e3, stored["acceleration"]))
+        np.savetxt(table, rows, delimiter=",", header="coil,a", comments="")
+    stated = ["--columns", "force=coil,acceleration=a", "--units", "force=mN,acceleration=m/s2", "--rate", "3000"]
+    where = ["--high", "500", "-o", str(tmp_path / "c.handle")]
+    assert main(["device", "identify", "--from", *tables, *stated, *where]) == 0
+    assert load_handle(tmp_path / "c.handle").plant.m_h_kg == pytest.approx(first.plant.m_h_kg, rel=1e-5)
     assert "b.handle  (" in capsys.readouterr().out
 
 

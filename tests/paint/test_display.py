@@ -16,7 +16,6 @@ from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
 from hapscene.paint.model.display import CHUNK, ChunkKey, Display, reduce_mesh, subface_triangles, triangle_shares
 from hapscene.paint.model.mesh import PaintableMesh
-from hapscene.paint.model.painting import UNUSED_MESHES_MAX, drop_unused_meshes
 from hapscene.paint.model.session import Hit, Session
 from hapscene.scene.scene import Scene
 
@@ -43,15 +42,6 @@ def test_subfaces_overlap_by_moving_their_corners_away_from_their_middle() -> No
     before, after = (x - middle_m for x in (whole_m, subface_triangles(halves, np.array([face_m, face_m]), 0.05)))
     length_m = np.linalg.norm(before, axis=2, keepdims=True)
     np.testing.assert_allclose(after, before * (1 + 0.05 / length_m), atol=1e-6)
-
-
-def test_meshes_in_use_and_the_last_unused_ones_are_kept() -> None:
-    meshes = [SimpleNamespace() for _ in range(UNUSED_MESHES_MAX + 4)]
-    made = {id(mesh): k for k, mesh in enumerate(meshes)}
-    bodies: list[Any] = [SimpleNamespace(mesh=meshes[k]) for k in (0, 2)]
-    for _ in range(2):
-        drop_unused_meshes(made, bodies)
-        assert list(made.values()) == [0, 2, *range(4, UNUSED_MESHES_MAX + 4)]
 
 
 def test_chunks_hold_each_face_once_and_are_small(session) -> None:

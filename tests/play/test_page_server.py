@@ -192,6 +192,35 @@ def test_traces_hold_the_extremes_of_all_tools_in_each_bin(page: PageServer) -> 
     assert page._felt(servo, -1) == ({"f": [], "a": [], "v": [], "felt": felt["felt"]}, ticks - 1)
 
 
+def test_each_beat_sends_changes_and_traces_since_the_last_one(
+    clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, sent, asked, pages = PageServer(make_scene(), title="a plate", clock=clock), list[Any](), list[Any](), [1]
+    servo: Any = FakeServo(make_scene())
+    turns = iter([lambda: None, lambda: page.attach(servo), pages.clear, lambda: pages.append(2)])
+
+    def wait(timeout_s: float) -> bool:
+        turn = next(turns, None)
+        return turn is None or turn() is not None
+
+    def felt(of: object, since: int) -> tuple[Any, int]:
+        asked.append(since)
+        if since == 9:
+            raise HapsceneError("the servo has ended")
+        return {"f": [since]}, 9
+
+    page.attach(servo)
+    with monkeypatch.context() as patch:
+        patch.setattr(page, "_ended", SimpleNamespace(wait=wait))
+        patch.setattr(page, "_server", SimpleNamespace(pages=pages, send=sent.append))
+        patch.setattr(page, "_felt", felt)
+        patch.setattr(page.link, "beat", lambda: asked.append("beat"))
+        page._beat_on()
+    page.close()
+    assert asked == ["beat", -1, "beat", 9, "beat", "beat", -1]
+    assert sent == [{"f": [-1]}, page.state(), {"said": "the servo has ended"}, {"f": [-1]}]
+
+
 def test_kiosk_resets_effects_and_sound(page: PageServer, clock: VirtualClock) -> None:
     servo: Any = FakeServo(make_scene())
     switched: list[Any] = []
