@@ -30,11 +30,11 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     journal.write_text(whole[:-5])  # killed while it wrote the last line
     tasks = means(5)
     tasks[0] = Task("mean 0", statistics.fmean, {"data": [7.0]})  # another question with the same key
-    found = run_tasks(tasks, journal=journal, jobs=1, after=lambda *told: done.append(told))
+    found = run_tasks(tasks, journal=journal, jobs=1, after=lambda *given: done.append(given))
     assert found == WANTED | {"mean 0": 7.0}
     assert done == [(2, 5, "mean 0"), (3, 5, "mean 2"), (4, 5, "mean 3"), (5, 5, "mean 4")]
     done.clear()
-    assert run_tasks(tasks, journal=journal, jobs=1, after=lambda *told: done.append(told)) == found
+    assert run_tasks(tasks, journal=journal, jobs=1, after=lambda *given: done.append(given)) == found
     assert sum(not line for line in journal.read_text().splitlines()) == 0
     assert done == []
 
