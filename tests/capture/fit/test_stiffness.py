@@ -98,8 +98,18 @@ def test_without_rest_the_rise_of_a_sliding_contact_is_a_loading():
     assert found.slope_N_m == pytest.approx(500.0, rel=1e-6) and found.reason.startswith("2 ")
     for depth, force in _loadings(streams, states, True):  # of the first rise alone: it ends when the force has fallen
         assert force == pytest.approx(500.0 * depth, rel=1e-9) and (np.diff(force) > 0.0).all()
-    streams.force_N[:310] = 0.5  # the first began before the recording
-    assert len(_loadings(streams, states, True)) == 1
+    late = slice(350, None)  # the first begins before the recording: only if nothing slides, its rise counts
+    part = Streams(
+        RATE_HZ,
+        streams.speed_m_s[late],
+        streams.force_N[late],
+        streams.speed_m_s[late],
+        None,
+        depth_m=streams.depth_m[late],
+    )
+    assert len(_loadings(part, Segmentation(RATE_HZ, states.states[late], (), FORCE_ON_N, None), True)) == 1
+    still = np.full(len(part.force_N), InteractionState.STILL, np.int8)
+    assert len(_loadings(part, Segmentation(RATE_HZ, still, (), FORCE_ON_N, None))) == 2
 
 
 def test_the_force_to_record_is_that_of_the_most_sensitive_recording():
