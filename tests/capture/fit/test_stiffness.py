@@ -83,7 +83,7 @@ def test_few_loadings_have_no_interval(count):
 
 
 def slid(*levels_N: float, speed_on_m_s: float | None = 0.01, force_on_N: float = FORCE_ON_N):
-    """Contacts that slide throughout, with a peak of each level and a second peak of 0.9 of it."""
+    """Contacts that slide throughout, with a peak of each level and a second peak of 90 % of that level."""
     t = np.arange(1000) / RATE_HZ
     once = np.interp(t, [0.3, 0.5, 0.55, 0.6, 0.8], [0.0, 1.0, 0.7, 0.9, 0.0])
     force = np.concatenate([level * once for level in levels_N])
