@@ -117,8 +117,7 @@ class _Reader:
 
     def pad(self) -> None:
         """Mark faces before the first texture coordinate as having none."""
-        if len(self.f_vt) < len(self.f):
-            self.f_vt.extend(array("i", [-1]) * (len(self.f) - len(self.f_vt)))
+        self.f_vt.extend(array("i", [-1]) * (len(self.f) - len(self.f_vt)))
 
     def fail(self, problem: str) -> MeshError:
         return MeshError(f"{self.where}, line {self.line}: {problem}")

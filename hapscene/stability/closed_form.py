@@ -45,7 +45,7 @@ def limit_of_small_motion(
     if after > 0.0:  # a pair of complex roots leaves the unit circle
         at = brentq(lambda theta: wall(theta)[1] - wall_damping_Ns_m, 1e-12 * end, after, xtol=1e-300, rtol=1e-15)
         limit = wall(at)[0]
-    elif delay_ticks > 0 or wall(end)[0] <= 0.0:  # the wall damping exceeds its largest stable value
+    elif wall(end)[0] <= 0.0:  # the wall damping exceeds its largest stable value
         return 0.0
     if delay_ticks == 0 and p > r:  # in an overdamped device, a root may leave through −1
         limit = min(limit, 2.0 * (2.0 - e) / (p - r) - 2.0 * wall_damping_Ns_m / tick_s)

@@ -153,7 +153,7 @@ def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike
         SwatchError: the name is unknown.
     """
     text = os.fspath(name_or_path)
-    if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
+    if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or Path(text).name != text:
         return Path(text)
     known = shipped_swatches()
     place = resources.files("hapscene_swatches")

@@ -14,10 +14,11 @@ from scipy.io import savemat
 from scipy.signal import butter, sosfiltfilt
 
 from hapscene.capture import fit_swatch, load_recording
+from hapscene.capture.io.formats import read_mat
 from hapscene.capture.io.hatt import read_models
 from hapscene.capture.io.hsrec import FIRST_LINE, load_record
 from hapscene.capture.io.streams import BLOCK, filtered
-from hapscene.errors import CaptureError, SwatchError
+from hapscene.errors import CaptureError, FormatError, SwatchError
 
 UNITS = {"acceleration": "g", "force": "N", "speed": "m/s"}
 
@@ -88,6 +89,20 @@ def test_a_matlab_file_states_its_units(tmp_path: Path) -> None:
     recording = load_recording(tmp_path / "a.mat")
     assert recording.acceleration_m_s2[-1] == pytest.approx(999 * 9.80665) and recording.rate_Hz == 1000.0
     assert recording.force_N is not None and recording.force_N[-1] == pytest.approx(0.999)
+    with (tmp_path / "a.mat").open("rb") as file:
+        assert {name: str(array.dtype) for name, array in read_mat(file, 12_000).items()} == {
+            "acceleration": "float64", "force": "int16", "rate_Hz": "float64", "units": "<U14",
+        }  # fmt: skip
+
+
+@pytest.mark.parametrize("held", [{"a": np.zeros(500)}, {"a": np.zeros((2, 500), np.int32)}])
+def test_a_matlab_file_is_unpacked_only_as_far_as_allowed(held: dict[str, object], tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", held | {"note": "y" * 4000})  # text is not read, and does not count
+    with (tmp_path / "a.mat").open("rb") as file:
+        assert list(read_mat(file, 4000)) == list(held)
+        file.seek(0)
+        with pytest.raises(FormatError, match="4,000 bytes"):
+            read_mat(file, 3999)
 
 
 def test_a_toolkit_file_with_too_many_elements_is_refused(tmp_path: Path) -> None:

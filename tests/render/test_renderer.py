@@ -388,6 +388,31 @@ def test_removed_body_ignores_old_moving_bodies():
     assert renderer.run(stroke(10)).body_names == ("box",)
 
 
+def test_only_bodies_that_moved_in_the_scene_are_placed() -> None:
+    """The pose of another that a tick was given stays."""
+    built = scene()
+    for name in ("lid", "door", "gone"):
+        built.add(BOX, name=name, unit="m", pose=trimesh.transformations.translation_matrix((0.0, 0.0, -1.0)))
+    renderer = hapscene.Renderer(built, ["wall"])
+    aside, up, far = (trimesh.transformations.translation_matrix(p) for p in ((0.3, 0, 0), (0, 0, 0.1), (0, 0.5, 0)))
+    renderer.reset((0.0, 0.0, 0.2))
+    renderer.step((0.0, 0.0, 0.2), {"box": aside})
+    renderer.remove("gone")
+    for name in ("lid", "gone"):
+        built.pose(name, up)
+    for _ in range(2):
+        renderer.step((0.0, 0.0, 0.2))
+        placed = renderer.world.bodies.p_WB_m[:3].tolist()
+        assert placed == [[0.3, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, -1.0]]
+    built.pose("door", far)
+    assert renderer.run([(0.0, 0.0, 0.2), (0.0, 0.0, 0.098)]).body.tolist() == [-1, 1]
+    assert renderer.world.bodies.p_WB_m[2].tolist() == [0.0, 0.5, 0.0]
+    renderer.reset((0.0, 0.0, 0.2))
+    renderer.step((0.0, 0.0, 0.2))
+    built.pose("lid", trimesh.transformations.translation_matrix((0.0, 0.0, 0.3)))
+    assert renderer.step((0.0, 0.0, 0.2)).contact is None  # it jumped past the tool
+
+
 def test_mute_and_unmute() -> None:
     scene = hapscene.Scene()
     scene.add(hapscene.Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.02)), "m"), name="plate", swatch="wood")

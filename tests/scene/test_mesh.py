@@ -6,7 +6,7 @@ import trimesh
 
 from hapscene.errors import MeshError
 from hapscene.scene.material import Material
-from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh import Mesh, Part, join
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
@@ -16,6 +16,17 @@ def test_normals():
     mesh = Mesh(VERTICES, np.concatenate([FACES, [[0, 1, 1]]]))
     expected = [(0, 0, -1), (0, -1, 0), (-1, 0, 0), np.ones(3) / np.sqrt(3), (0, 0, 0)]
     np.testing.assert_allclose(mesh.normals, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(("up", "turned"), [("z", [[2, 3, 5], [0, 0, 4]]), ("y", [[2, -5, 3], [0, -4, 0]])])
+def test_parts_are_joined_in_metres_with_z_up(up, turned):
+    corners = np.array([[2.0, 3.0, 5.0], [0.0, 0.0, 4.0], [7.0, 7.0, 0.0]])
+    one, two = (np.array([order]) for order in ([0, 1, 2], [2, 1, 0]))
+    parts = [Part(corners.copy(), one, np.array([0]), ["a"]), Part(corners + 1.0, two, np.array([0]), ["a"])]
+    mesh = join(parts, "mm", None, up, scale=10.0)
+    np.testing.assert_allclose(mesh.vertices_m[:2], 0.01 * np.array(turned), rtol=1e-12)
+    assert not np.signbit(mesh.vertices_m[mesh.vertices_m == 0.0]).any()
+    assert mesh.faces.tolist() == [[0, 1, 2], [5, 4, 3]] and mesh.group_names == ("a",) and parts == []
 
 
 def test_digest_depends_only_on_content():

@@ -28,6 +28,14 @@ def test_order_names_and_shared_vertices_are_preserved(tmp_path):
     assert [mesh.group_names[g] for g in mesh.group] == ["door/steel", "door/wood", "frame/steel"]
 
 
+def test_faces_before_the_first_texture_coordinate_have_none(tmp_path):
+    mesh = read(tmp_path, SQUARE + "f 1 2 3 4\nvt 0.25 0.5\nvt 1\nf 4/1 3/2 2/1\nf 1 2/1 3\n")
+    assert np.isnan(mesh.uv[[0, 1, 3]]).all()
+    assert mesh.uv[2].tolist() == [[0.25, 0.5], [1.0, 0.0], [0.25, 0.5]]
+    assert np.isnan(read(tmp_path, SQUARE + "f 1 2 3\nvt 0 0\n").uv).all()
+    assert read(tmp_path, SQUARE + "f 1 2 3\n").uv is None
+
+
 def test_polygons_negative_indices_comments_and_continued_lines(tmp_path):
     mesh = read(tmp_path, "# a square\n" + SQUARE + "f -4 -3 \\\n -2 -1\n")
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])

@@ -16,7 +16,7 @@ from hapscene.scene import scene_bundle
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene, load_scene
-from hapscene.scene.scene_bundle import save_bundle, unpack_bundle
+from hapscene.scene.scene_bundle import save_bundle, unpack_bundle, unpacked_beside
 
 FOREIGN = Path(__file__).parents[3] / "shared/data/meshes"
 
@@ -78,6 +78,7 @@ def scene_text(mesh: str = "ball.stl", swatch: str = "plain") -> str:
         {"a.scene.json": scene_text(), "A.SCENE.json": scene_text()},
         {"a.scene.json": scene_text(), "b.scene.json": scene_text()},
         {"a.scene.json": "{"},
+        {"a.scene.json": scene_text(), "ball.stl": "", "Ball.STL": ""},
         {"a.scene.json": scene_text("/etc/passwd"), "ball.stl": ""},
         {"a.scene.json": scene_text(swatch="../x.swatch"), "ball.stl": ""},
     ],
@@ -129,6 +130,17 @@ def test_existing_folder_and_other_suffix_raise(tmp_path: Path) -> None:
     with pytest.raises(SceneError):
         unpack_bundle(tmp_path / "all.scene.zip", tmp_path / "there")
     assert not list((tmp_path / "there").iterdir())
+
+
+def test_a_bundle_is_unpacked_beside_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(icosphere(subdivisions=1), "m"), swatch="wood")
+    save_bundle(scene, tmp_path / "all.scene.zip")
+    monkeypatch.chdir(tmp_path)
+    for folder in ("all", "all_2", "all_3"):
+        assert unpacked_beside(Path("all.scene.zip")) == Path(folder, "all.scene.json")
+        assert [file.name for file in (tmp_path / folder).glob("*.swatch")] == []  # one that is shipped needs no file
+        assert load_scene(Path(folder, "all.scene.json")).swatches[1].name == "wood"
 
 
 def test_too_large_scene_file_raises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """Walls with known limits, found by simulation with the real haptic tick."""
 
 import json
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -46,9 +47,9 @@ def test_largest_wall_damping() -> None:
     assert [largest_beta(delay) for delay in range(4)] == pytest.approx(LARGEST_BETA, rel=2e-4)
 
 
-@pytest.mark.parametrize("wall_share", [0.0, 0.4])
-@pytest.mark.parametrize("delay", [0, 2])
-@pytest.mark.parametrize("ratio", [1e-3, 0.3, 5.0])
+@pytest.mark.parametrize(
+    ("ratio", "delay", "wall_share"), [*product((1e-3, 0.3, 5.0), (0, 2), (0.0, 0.4)), (3.6, 0, 2.5), (0.0, 0, 1.9)]
+)
 def test_limit_of_small_motion_against_roots(ratio: float, delay: int, wall_share: float) -> None:
     """Against the plant sampled by SciPy and the roots of the polynomial; at a ratio bT/m of 5, a root leaves at -1."""
     mass, tick = 0.05, 1e-3
@@ -63,6 +64,11 @@ def test_limit_of_small_motion_against_roots(ratio: float, delay: int, wall_shar
     limit = closed_form.limit_of_small_motion(mass, damping, tick, delay, wall)
     assert limit > 0.0
     assert [largest_root(share * limit) < 1.0 for share in (0.01, 0.5, 0.999, 1.001)] == [True, True, True, False]
+
+
+@pytest.mark.parametrize(("delay", "wall"), [(0, 0.0), (0, 2.05), (1, 0.0), (1, 0.85), (2, 3.0)])
+def test_no_stiffness_is_stable_without_dissipation_or_with_too_much_wall_damping(delay: int, wall: float) -> None:
+    assert closed_form.limit_of_small_motion(1.0, 0.0, 1.0, delay, wall) == 0.0
 
 
 def test_passivity_with_wall_damping() -> None:

@@ -15,8 +15,18 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.stability import study
 from hapscene.stability.rig import Rig
-from hapscene.stability.study import LABEL_RATIO, TOP_N_M, _label, stability, verdicts
-from hapscene.stability.z_width import REST_M_S, WORK_J, Point, StableRegion, describe, place, trace, try_wall
+from hapscene.stability.study import LABEL_RATIO, TOP_N_M, _draw_regions, _label, stability, verdicts
+from hapscene.stability.z_width import (
+    REST_M_S,
+    STIFFNESS_N_M,
+    WORK_J,
+    Point,
+    StableRegion,
+    describe,
+    place,
+    trace,
+    try_wall,
+)
 from hapscene.surface.swatch import Swatch
 
 LIGHT = grip_named("light")
@@ -126,3 +136,18 @@ def test_study_writes_its_tables_and_a_panel_for_each_rate_and_delay(
     }
     with pytest.raises(HapsceneError, match="no mass"):
         stability(tmp_path / "out", "ideal", (1000.0,), (0,), LIGHT, [])
+
+
+def test_the_chart_fills_the_first_region_and_draws_the_others_as_lines() -> None:
+    from matplotlib.figure import Figure
+
+    axes, damping = Figure().add_subplot(), (0.0, 1.0, 2.0)
+    first = StableRegion("omni", 1000.0, 0, damping, (0.0, 500.0, math.inf), (300.0, 400.0, 0.0))
+    _draw_regions(axes, [first, replace(first, device="falcon", limit_N_m=(60.0, 70.0, 80.0))])
+    (filled,) = axes.collections
+    low = STIFFNESS_N_M[0]
+    assert filled.get_paths()[0].vertices[:, 1].min() == low and filled.get_paths()[0].vertices[:, 1].max() == TOP_N_M
+    lines = [(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in axes.lines]
+    assert lines == [([0, 1, 2], [low, 500.0, TOP_N_M]), ([0, 1, 2], [60.0, 70.0, 80.0]), ([0, 1], [300.0, 400.0])]
+    assert axes.get_ylim() == (low, TOP_N_M) and axes.get_yscale() == "log"
+    assert [text.split(":")[0] for text in axes.get_legend_handles_labels()[1]][:3] == ["omni", "omni", "falcon"]

@@ -1,6 +1,7 @@
 """Swatches on disk: back to the bit, and nothing bad gets in."""
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -179,5 +180,8 @@ def test_regimes_and_layers_are_ignored_with_a_warning(kind: str) -> None:
     with pytest.warns(SwatchWarning) as warned:
         again = swatch_from_json(json.dumps(content))
     assert len(warned) == 1
+    with warnings.catch_warnings(action="error"):
+        assert swatch_from_json(swatch_to_json(swatch)) == swatch
+        assert swatch_from_json(swatch_to_json(replace(swatch, texture=None))).texture is None
     assert again.texture == swatch.texture
     assert "angle_deg" not in again.effects.get("lpc_texture", {})

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import freqz, lfilter
 
-from hapscene.constants import LEVEL_BOUND_DB
+from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
 from hapscene.surface.gain_modulation import GainModulation
-from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
+from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised, triangulate
 from hapscene.swatches.library import load_swatch
 
 
@@ -53,6 +53,13 @@ def test_triangles_cover_the_rectangle(count: int, seed: int) -> None:
     corner, weight = texture.locate(force, slip)
     assert np.allclose(np.sum(weight * texture.force_N[corner], axis=1), force, atol=1e-5 * texture.force_max_N)
     assert np.allclose(np.sum(weight * texture.speed_m_s[corner], axis=1), slip, atol=1e-5 * texture.speed_max_m_s)
+
+
+def test_a_silent_triangle_at_the_origin_is_opened() -> None:
+    """Its corners are the origin and a silent model on each axis."""
+    force, slip = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.2], [10.0, 1.0], [10.0, 0.0], [0.0, 1.0]]).T
+    found = {frozenset(corners) for corners in triangulate(force, slip).tolist()}
+    assert found == {frozenset(corners) for corners in ((0, 1, 3), (0, 2, 3), (1, 3, 4), (2, 3, 5))}
 
 
 def test_model_at_its_vertex() -> None:
@@ -99,6 +106,20 @@ def test_invalid_textures_are_rejected() -> None:
     for field, change in cases.items():
         with pytest.raises(SwatchError, match=field or None):
             Texture(**(fields | change))
+    count = len(good.force_N)
+    for triangles in (
+        [0, 1, 2],
+        [[0, 1]],
+        np.zeros((0, 3)),
+        [[0, 1, -1]],
+        [[0, 1, count]],
+        [[0, 1, 2]] * (2 * count + 1),
+    ):
+        with pytest.raises(SwatchError, match=r"triangles (must|name)"):
+            Texture(**(fields | {"triangles": triangles}))
+    for lsf in (good.lsf_rad[0], good.lsf_rad[1:], good.lsf_rad[:, :0], np.ones((count, ORDER_MAX + 1))):
+        with pytest.raises(SwatchError, match=r"lsf_rad must"):
+            Texture(**(fields | {"lsf_rad": lsf}))
 
 
 @pytest.mark.parametrize("rate_Hz", [5000.0, 44_100.0])
@@ -272,6 +293,9 @@ def test_level_beyond_the_recorded_range() -> None:
     power = texture.power([force, 2 * force], [speed, 1.5 * speed])
     assert power[1] == pytest.approx(power[0] * factor[2])
     np.testing.assert_allclose(texture.lattice([force, 2 * force], [speed, 1.5 * speed])[1], power)
+    for interpolation in INTERPOLATIONS:
+        _, variance = replace(texture, interpolation=interpolation).models([force, 2 * force], [speed, 1.5 * speed])
+        assert variance[1] == pytest.approx(variance[0] * factor[2])
     clamped = replace(texture, exponents=(0.0, 0.0))
     assert clamped.power([9 * force], [speed])[0] == power[0]
 
@@ -279,6 +303,10 @@ def test_level_beyond_the_recorded_range() -> None:
 def test_truncated_warped_texture() -> None:
     texture = replace(load_swatch("wood").texture, modulation=None)
     short = texture.truncated(5)
+    assert texture.truncated(texture.order) is texture
+    for order in (0, 0.5, 5.5, np.nan):
+        with pytest.raises(SwatchError, match="order"):
+            texture.truncated(order)
     assert short.order == 5 and short.warp == texture.warp > 0.0
     place = [texture.force_max_N], [texture.speed_max_m_s]
     assert short.power(*place) == pytest.approx(texture.power(*place))

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -62,7 +63,11 @@ def test_add_find_and_remove(home: Path) -> None:
 def test_folders_and_tags(home: Path) -> None:
     add(OAK, inside="woods", tags=["desk", " desk ", ""])
     assert find("oak") == home / "woods" / "oak.swatch" and load_swatch("oak") == OAK
+    for other, file in (("empty", "oak.swatch"), (".hidden", "index.json")):
+        (home / other).mkdir()
+        (home / other / file).write_bytes((home / "woods" / file).read_bytes())
     assert own_folders() == [home, home / "woods"] and own_entries() == []
+    shutil.rmtree(home / "empty")
     (entry,) = own_entries(home / "woods")
     assert entry.tags == ("desk",) and search([entry], ["DESK"]) == [entry]
     with pytest.raises(SwatchError, match="oak"):

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from hapscene.cli import main
 from hapscene.errors import SwatchError, printable
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.swatch_summary import Phrase
 from hapscene.swatches import site as static_site
-from hapscene.swatches.library import add, entry_of, load_swatch, own_entries
+from hapscene.swatches.library import add, computed_entries, entry_of, load_swatch, own_entries, shipped_swatches
 from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
 
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
@@ -111,6 +112,27 @@ def test_publish_again(tmp_path: Path) -> None:
     names = {file.name for file in site.iterdir()}
     wood = {f"wood{end}" for end in (".swatch", ".html", ".wav", "-touch.html", "-ball.png")}
     assert names == {"CNAME", "notes.html", "index.html", "index.json"} | wood
+
+
+@pytest.mark.usefixtures("quick")
+def test_files_have_names_that_differ_in_more_than_case(tmp_path: Path) -> None:
+    files = [tmp_path / f"{i}.swatch" for i in range(3)]
+    for file, name in zip(files, ("oak", "OAK", "ash"), strict=True):
+        save_swatch(Swatch(name), file)
+    found = publish(gather([str(file) for file in files]), tmp_path / "site")
+    assert [entry.name for entry in found] == ["ash", "oak", "OAK"]
+    assert len({entry.file.casefold() for entry in found}) == 3
+
+
+def test_shipped_swatches_are_published_with_their_tags(tmp_path: Path) -> None:
+    add(Swatch("mine"), tmp_path / "home", tags=["own"])
+    found = {source.swatch.name: source.tags for source in gather(library=tmp_path / "home", shipped=True)}
+    computed = {entry.name: entry.tags for entry in computed_entries()}
+    assert found == dict.fromkeys(shipped_swatches(), ()) | computed | {"mine": ("own",)}
+    with pytest.raises(SwatchError, match="wood"):
+        gather(["wood"], shipped=True)
+    with pytest.raises(SwatchError, match="empty"):
+        gather(library=tmp_path / "none")
 
 
 @pytest.mark.usefixtures("quick")

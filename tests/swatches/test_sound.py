@@ -9,8 +9,10 @@ from scipy import signal
 from scipy.io import wavfile
 
 import hapscene
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.surface.swatch import Swatch
-from hapscene.swatches.sound import EASE_S, FULL_SCALE_M_S2, START_S, swatch_sound, wav_bytes
+from hapscene.swatches.sound import EASE_S, FULL_SCALE_M_S2, START_S, Sound, swatch_sound, wav_bytes
+from hapscene.view.sound import FADE_S
 
 WOOD = hapscene.load_swatch("wood")
 
@@ -28,6 +30,25 @@ def test_level_of_the_stroke() -> None:
         known = gain * float(np.sqrt(WOOD.texture.power([force_N], [speed_m_s])[0]))  # type: ignore[union-attr]
         assert level == pytest.approx(known, rel=0.1)
         assert swatch_sound(swatch, force_N, speed_m_s, 0.5).levels.startswith(f"stroke {known:.2g} m/s² rms")
+
+
+def test_a_stroke_starts_and_ends_at_rest() -> None:
+    swatch = replace(WOOD, effects={"lpc_texture": {"texture_gain": 2.0, "texture_life": 0.5}})
+    sound, alone = swatch_sound(swatch, 0.7, 0.1, 0.4), swatch_sound(replace(swatch, texture=None), 0.7, 0.1, 0.4)
+    t_s = np.arange(round(0.4 * sound.rate_Hz)) / sound.rate_Hz
+    slide = np.interp(t_s, [0.0, EASE_S, 0.4 - EASE_S, 0.4], [0.0, 1.0, 1.0, 0.0])
+    speed = 0.1 * np.sin(0.5 * np.pi * slide) ** 2
+    stroke = 2.0 * synthesize(swatch, np.full(len(t_s), 0.7), speed, rate_Hz=sound.rate_Hz, modulation=0.5)
+    np.testing.assert_allclose((sound.a_m_s2 - alone.a_m_s2)[sound.start :], stroke, atol=1e-6 * np.abs(stroke).max())
+    assert len(sound.a_m_s2) == sound.start + len(t_s) and not (sound.a_m_s2 - alone.a_m_s2)[: sound.start].any()
+
+
+def test_a_sound_fades_out_at_its_end() -> None:
+    rate_Hz = 10_000.0
+    before = Sound(0.1 * FULL_SCALE_M_S2 * (np.arange(2510) < round(START_S * rate_Hz)), rate_Hz, 0.0)
+    found, count = samples(wav_bytes(before))[1], round(FADE_S * rate_Hz)
+    assert (found[:-count] == 3277).all() and not found[-10:].any()
+    np.testing.assert_array_equal(found[-count:-10], np.rint(3276.7 * np.arange(count - 1, 9, -1) / count))
 
 
 def test_tap() -> None:

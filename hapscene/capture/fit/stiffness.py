@@ -123,9 +123,8 @@ def _loadings(channels: Streams, states: Segmentation, sliding: bool = False) ->
         inside = np.flatnonzero((share >= RANGE[0]) & (share <= RANGE[1]))
         loading = np.arange(inside[0], inside[-1] + 1) if len(inside) else inside
         loading = loading[loading >= SETTLE_S * channels.rate_Hz]
-        fresh = (start == 0 and not sliding) or channels.force_N[
-            start - 1
-        ] <= states.force_on_N  # else the contact began with sliding
+        # else the contact began with sliding
+        fresh = channels.force_N[start - 1] <= states.force_on_N if start > 0 else not sliding
         if not fresh or len(loading) < 3 * step or force[top] < FORCE_RATIO * states.force_on_N:
             continue
         chosen = start + loading[::step]

@@ -191,8 +191,7 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[np.generic]]:
     wanted = [each for each in held if each[2] in _MAT_B and (each[2] != "char" or each[0] == "units")]
     unpacked_B = sum(_MAT_B[kind] * math.prod(max(length, 0) for length in shape) for _, shape, kind in wanted)
     check_unpacked(os.fstat(file.fileno()).st_size, unpacked_B, most_B, TOO_MUCH)
-    file.seek(0)
-    names = [name for name, _, _ in held]
+    names = [name for name, _, _ in wanted]
     content = scipy.io.loadmat(file, variable_names=names) if names else {}
     return {name: content[name] for name in names if content[name].dtype.kind in f"{_NUMBERS}U"}
 

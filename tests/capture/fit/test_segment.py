@@ -8,7 +8,12 @@ from hapscene.capture.fit.segment import (
     TAP_S,
     InteractionState,
     _mark_bursts,
+    _remove_ripple,
+    _rung_out,
+    _switched,
+    _without_brief,
     noise,
+    onset,
     runs,
     segment,
 )
@@ -86,3 +91,34 @@ def test_brief_bursts_with_a_strong_start_are_taps(rate_Hz, start_s, length_s, l
     _mark_bursts(states, level > 0.0, level, rate_Hz)
     found = np.flatnonzero(states == InteractionState.TAP)
     assert found.tolist() == (list(range(start, start + count)) if tap else [])
+
+
+def test_the_ripple_before_an_impact_is_no_vibration() -> None:
+    """Half a period of the high-pass of 20 Hz, and the window of the level; at 1 kHz, 35 samples."""
+    for start, peak, rest in ((100, 135, 125), (100, 136, 100), (100, 105, 100), (0, 30, 0)):
+        vibrating = (np.arange(400) >= start) & (np.arange(400) < 300)
+        _remove_ripple(vibrating, np.where(np.arange(400) == peak, 1.0, 0.1), 1000.0)
+        assert runs(vibrating) == [(rest, 300)]
+
+
+def test_an_impact_begins_above_the_threshold_without_a_gap() -> None:
+    size = np.zeros(100)
+    size[[10, 23, 35, 45, 60]] = 0.3, -0.26, 0.24, 0.3, 0.9  # 13 samples, then 22: at most 12 are no gap
+    size[[48, 50]] = 0.2, -1.0
+    assert [onset(size, quiet, 1000.0) for quiet in (0.0, 0.08, 0.1, 1.0)] == [45, 45, 50, 50]
+    size[35] = 0.25
+    assert onset(size, 0.0, 1000.0) == 23
+
+
+def test_an_impact_ends_at_the_level_before_it_or_at_a_share_of_its_peak() -> None:
+    level = np.array([0.0, 1.0, 10.0, 5.0, 0.3, 0.21, 0.19, 0.1])
+    assert [_rung_out(level, 1, quiet, 8) for quiet in (0.0, 0.15, 4.0, 2.0)] == [6, 5, 3, 4]
+    assert (_rung_out(level, 1, 0.0, 5), _rung_out(level, 3, 0.0, 3)) == (5, 4)
+
+
+def test_a_switch_has_hysteresis() -> None:
+    stream = np.array([0.7, 0.7, 0.9, 0.7, 0.4, 0.7, 0.9, 0.5])
+    assert _switched(stream, 0.8, 0.5).tolist() == [True, True, True, True, False, False, True, True]
+    assert not _switched(stream[:2], 0.8, 0.5).any()
+    kept = _without_brief(np.array([1, 0, 1, 1, 0, 1, 1, 1, 0, 1], bool), 3)
+    assert runs(kept) == [(0, 1), (5, 8), (9, 10)]

@@ -80,3 +80,40 @@ def test_few_loadings_have_no_interval(count):
     found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
     assert found.slope_N_m == pytest.approx(500.0, rel=0.1)
     assert (found.interval is None) == (str(count) in found.reason) == (count < 4)
+
+
+def slid(*levels_N: float, speed_on_m_s: float | None = 0.01, force_on_N: float = FORCE_ON_N):
+    """Contacts that slide throughout, with a peak of each level and a second peak of 90 % of that level."""
+    t = np.arange(1000) / RATE_HZ
+    once = np.interp(t, [0.3, 0.5, 0.55, 0.6, 0.8], [0.0, 1.0, 0.7, 0.9, 0.0])
+    force = np.concatenate([level * once for level in levels_N])
+    states = np.where(force > force_on_N, InteractionState.SLIDING, InteractionState.AIR).astype(np.int8)
+    streams = Streams(RATE_HZ, np.zeros(len(force)), force, np.ones(len(force)), None, force / 500.0)
+    return streams, Segmentation(RATE_HZ, states, (), force_on_N, speed_on_m_s)
+
+
+def test_without_rest_the_rise_of_a_sliding_contact_is_a_loading():
+    streams, states = slid(2.0, 2.0, 0.19)
+    found = fit_stiffness([(streams, states)])
+    assert found.slope_N_m == pytest.approx(500.0, rel=1e-6) and found.reason.startswith("2 ")
+    for depth, force in _loadings(streams, states, True):  # of the first rise alone: it ends when the force has fallen
+        assert force == pytest.approx(500.0 * depth, rel=1e-9) and (np.diff(force) > 0.0).all()
+    late = slice(350, None)  # the first begins before the recording: only if nothing slides, its rise counts
+    part = Streams(
+        RATE_HZ,
+        streams.speed_m_s[late],
+        streams.force_N[late],
+        streams.speed_m_s[late],
+        None,
+        depth_m=streams.depth_m[late],
+    )
+    assert len(_loadings(part, Segmentation(RATE_HZ, states.states[late], (), FORCE_ON_N, None), True)) == 1
+    still = np.full(len(part.force_N), InteractionState.STILL, np.int8)
+    assert len(_loadings(part, Segmentation(RATE_HZ, still, (), FORCE_ON_N, None))) == 2
+
+
+def test_the_force_to_record_is_that_of_the_most_sensitive_recording():
+    weak = [slid(0.19), slid(0.5, force_on_N=0.2)]
+    assert fit_stiffness(weak).reason.endswith("to at least 0.2 N")
+    still = slid(0.19, speed_on_m_s=None)  # nothing tells whether it moves
+    assert "at least" not in fit_stiffness([still]).reason
