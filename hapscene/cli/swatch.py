@@ -37,8 +37,8 @@ def list_swatches(
 ) -> int:
     """List swatches, or search them: shipped ones, computed ones, and those of the library.
 
-    Each term must match: a word of the name, description, tags, tool, tip, source or
-    licence, or a comparison of a property. Exit codes: 0 success; 1 no match.
+    Each term must match: a word of the name, description, tags, tool, tip, source
+    or licence, or a comparison of a property. Exit codes: 0 success; 1 no match.
 
     examples:
       hapscene swatch list
