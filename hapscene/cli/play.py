@@ -140,8 +140,8 @@ def _on_page(scene: "Scene", title: str, options: PageOptions, kiosk_s: float, *
     from hapscene.play.page_server import PageServer
     from hapscene.touch import step
 
-    place: dict[str, Any] = {"title": title, "host": options.host, "port": options.port}
-    with PageServer(scene, tools=FINGERS, kiosk_s=kiosk_s, **place) as page, ExitStack() as stack:
+    server = PageServer(scene, tools=FINGERS, title=title, host=options.host, port=options.port, kiosk_s=kiosk_s)
+    with server as page, ExitStack() as stack:
         print_progress(f"{page.url}   (Ctrl-C ends)\n")
         if page.public:
             print_progress("open to the network: anyone with this address can touch the scene\n")

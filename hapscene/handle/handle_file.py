@@ -12,15 +12,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.dsp.spectrogram import decibels
-from hapscene.errors import HandleError
+from hapscene.errors import FormatError, HandleError
 from hapscene.handle.fit import Identification, IdentifiedGrip, sampled_response
 from hapscene.handle.measure import GripRecording, Response
-from hapscene.io.files import parse_format, read_bytes, refusing, whole_folder, write_whole
+from hapscene.io.files import parse_format, read_bytes, refusing, to_struct, whole_folder, write_whole
 
 __all__ = [
     "BYTES_MAX",
@@ -88,8 +87,8 @@ def handle_from_json(data: bytes | str) -> Identification:
     with refusing(HandleError):
         content = parse_format(data, "a handle", FORMAT, VERSION)
     try:
-        return msgspec.convert(content, Identification)
-    except msgspec.ValidationError as error:
+        return to_struct(content, Identification)
+    except FormatError as error:
         raise HandleError(f"invalid handle: {error}") from None
 
 

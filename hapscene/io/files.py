@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias, TypeVar
 
 from hapscene.constants import UNITLESS
 from hapscene.errors import FormatError, printable
@@ -36,6 +36,7 @@ __all__ = [
     "read_bytes",
     "refusing",
     "short",
+    "to_struct",
     "unpacked_most_B",
     "whole_file",
     "whole_folder",
@@ -458,6 +459,26 @@ def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[
             f"format version {short(found)} is later than {version}, the latest supported version: update hapscene"
         )
     return content
+
+
+REASON_MAX: Final = 200
+"""Longest reason in an error message [characters]."""
+
+_T = TypeVar("_T")
+
+
+def to_struct(content: Json, kind: type[_T]) -> _T:
+    """Convert parsed JSON of a stranger to a msgspec type.
+
+    Raises:
+        FormatError: a key is unknown or invalid, or a value is missing, of another type or out of range.
+    """
+    import msgspec
+
+    try:
+        return msgspec.convert(content, kind)
+    except (msgspec.ValidationError, UnicodeError) as error:  # half of a surrogate pair in a key
+        raise FormatError(printable(str(error), REASON_MAX)) from None
 
 
 def short(value: object) -> str:

@@ -37,8 +37,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from hapscene.constants import SCENE_SUFFIX as SUFFIX
-from hapscene.errors import SceneError, no_such, warn
-from hapscene.io.files import Json, check_file, naming, read_bytes, refusing, write_whole
+from hapscene.errors import FormatError, SceneError, no_such, warn
+from hapscene.io.files import Json, check_file, naming, read_bytes, refusing, to_struct, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEVEL_MAX, SUBFACE_MAX, FinePaint, blend, parts, set_subfaces
 from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning, check_reading
@@ -434,8 +434,8 @@ def _parse(path: Path) -> _SceneContent:
             f"{path}: format version {str(version)[:20]} is not supported; expected 1 to {VERSION}: update hapscene"
         )
     try:
-        return msgspec.convert(content, _SceneContent)
-    except msgspec.ValidationError as error:
+        return to_struct(content, _SceneContent)
+    except FormatError as error:
         raise SceneError(f"{path}: invalid scene file: {error}") from None
 
 

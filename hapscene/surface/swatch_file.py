@@ -17,8 +17,8 @@ from msgspec import Meta
 from msgspec.structs import asdict
 from numpy.typing import NDArray
 
-from hapscene.errors import SwatchError, printable, warn
-from hapscene.io.files import Json, parse_format, read_bytes, refusing, short, write_whole
+from hapscene.errors import SwatchError, warn
+from hapscene.io.files import Json, parse_format, read_bytes, refusing, short, to_struct, write_whole
 from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch
@@ -27,7 +27,6 @@ from hapscene.surface.texture import MODEL_MAX, Texture
 
 __all__ = [
     "BYTES_MAX",
-    "REASON_MAX",
     "SUFFIX",
     "TEXT_MAX",
     "Number",
@@ -63,9 +62,6 @@ _MODULATION_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 MEASURED_MAX: Final = 4 * TAP_MAX
 """Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each parameter."""
-
-REASON_MAX: Final = 200
-"""Longest reason in an error message [characters]."""
 
 Number = Annotated[float, Meta(gt=-1e300, lt=1e300)]
 """A finite number of a file."""
@@ -261,10 +257,7 @@ class _Content(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def _swatch(content: dict[str, Json]) -> Swatch:
-    try:
-        found = msgspec.convert(content, _Content)
-    except (msgspec.ValidationError, UnicodeError) as error:  # half of a surrogate pair in a key
-        raise SwatchError(printable(str(error), REASON_MAX)) from None
+    found = to_struct(content, _Content)
     for name in (*found.effects, *(param for numbers in found.effects.values() for param in numbers)):
         if not name.isprintable():
             raise SwatchError(f"effects: a name must be printable, is {short(name)}")

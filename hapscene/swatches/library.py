@@ -27,11 +27,10 @@ import msgspec
 from msgspec import Meta
 
 from hapscene.errors import SwatchError, no_such, printable
-from hapscene.io.files import parse_format, read_bytes, refusing, short, write_whole
+from hapscene.io.files import parse_format, read_bytes, refusing, short, to_struct, write_whole
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import (
     BYTES_MAX,
-    REASON_MAX,
     SUFFIX,
     Number,
     read_swatch,
@@ -442,10 +441,7 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
         raise SwatchError(f"{where}: larger than {INDEX_BYTES_MAX >> 20} MiB, the maximum for an index")
     with refusing(SwatchError, where):
         content = parse_format(data, "an index of swatches", FORMAT, VERSION)
-        try:
-            found = msgspec.convert(content, _Index).swatches
-        except (msgspec.ValidationError, UnicodeError) as error:  # half of a surrogate pair in a key
-            raise SwatchError(printable(str(error), REASON_MAX)) from None
+        found = to_struct(content, _Index).swatches
         entries = [_checked(entry, f"swatches[{i}]") for i, entry in enumerate(found)]
         for key, values in (("name", {e.name for e in entries}), ("file", {e.file.casefold() for e in entries})):
             if len(values) < len(entries):

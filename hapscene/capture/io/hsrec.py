@@ -111,7 +111,7 @@ class RecordWriter:
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
         head = {"rate_Hz": header.rate_Hz, "columns": [asdict(c) for c in header.columns]}
-        self._file.write(FIRST_LINE)
+        self._write(FIRST_LINE)
         self._put(b"HEAD", 0, json.dumps(head).encode())
         self.sync()
 
@@ -140,7 +140,10 @@ class RecordWriter:
 
     def _put(self, kind: bytes, first: int, payload: bytes) -> None:
         body = _CHUNK.pack(kind, len(payload), first) + payload
-        left = memoryview(body + _CHECK.pack(zlib.crc32(body)))
+        self._write(body + _CHECK.pack(zlib.crc32(body)))
+
+    def _write(self, data: bytes) -> None:
+        left = memoryview(data)
         with self._writing():
             while left:  # on a disk that becomes full, a part is written
                 left = left[self._file.write(left) :]

@@ -236,7 +236,8 @@ class BodyPanel:
                 )
         if len(asked) > ASK_MAX:
             self._context.say(f"{len(asked)} bodies are too large or too small for the hand: scale them in Bodies.")
-        for name, words, scale, size_m in reversed(asked if len(asked) <= ASK_MAX else []):
+            return
+        for name, words, scale, size_m in reversed(asked):
             self._context.ask(
                 "Check the size",
                 f"{words}.",
