@@ -219,7 +219,6 @@ class Orders:
         self.servo.remove(body)
 
     def _paint(self, to: Convention, body: Json, swatch: Json, faces: Json = None) -> dict[str, Json]:
-        self._number(body)
         scene = self.servo.scene.copy()
         scene.bodies = [scene.bodies[number] for number in self.names]
         count = scene.paint(body, _named(swatch), faces)
