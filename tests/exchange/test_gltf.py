@@ -53,6 +53,10 @@ def test_tangents_are_unit_vectors_along_the_surface(scene: Scene, tmp_path: Pat
         np.testing.assert_allclose(np.linalg.norm(tangent[:, :3], axis=1), 1.0, atol=1e-5)
         np.testing.assert_allclose(np.einsum("ij,ij->i", normal, tangent[:, :3]), 0.0, atol=1e-5)
         assert (tangent[:, 3] == 1.0).all()
+    for attributes in found:
+        bounds = tree["accessors"][attributes["POSITION"]]
+        at = rows(attributes["POSITION"]).reshape(-1, 3)
+        assert (bounds["min"], bounds["max"]) == (at.min(axis=0).tolist(), at.max(axis=0).tolist())
 
 
 def test_extras_have_the_parameters(scene: Scene, tmp_path: Path) -> None:
