@@ -21,9 +21,11 @@ def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> N
     assert sorted(tmp_path.iterdir()) == sorted(made)  # nothing else stays
 
 
-@pytest.mark.parametrize("path", ["desk.fbx", "desk", "nowhere/desk.glb"])
-def test_invalid_path_raises(path: str, scene: Scene, tmp_path: Path) -> None:
-    with pytest.raises(SceneError):
+@pytest.mark.parametrize(
+    ("path", "says"), [("desk.fbx", "'.fbx'"), ("desk", "''"), ("nowhere/desk.glb", "nowhere does not exist")]
+)
+def test_invalid_path_raises(path: str, says: str, scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=says):
         export_scene(scene, tmp_path / path)
     assert not list(tmp_path.iterdir())
 
