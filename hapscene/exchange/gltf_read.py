@@ -307,8 +307,6 @@ class _Reader:
                 check_gltf(content, True, str(self.path), FILE_MAX_B)
             loaded = trimesh.load_scene(io.BytesIO(content), file_type="glb", process=False)
             found: list[Any] = [loaded.geometry[str(number)] for number in range(len(meshes))]
-            if any(mesh.faces.size == 0 or mesh.faces.max() >= len(mesh.vertices) for mesh in found):
-                raise ValueError("a vertex index is out of range")
             parts = [part_of(mesh, [UNNAMED], None, {}) for mesh in found]
         except (MemoryError, SceneError):
             raise

@@ -146,13 +146,13 @@ def test_other_rates():
 # --- errors in a tick set flags
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_invalid_position_is_flagged_and_last_valid_one_used(bad):
-    renderer = hapscene.Renderer(scene(), ["wall"])
-    renderer.reset([0, 0, 0.001])
-    good = renderer.step([0, 0, -0.001])
-    held = renderer.step([0, bad, -0.002])
-    after = renderer.step([0, 0, -0.001])
+@pytest.mark.parametrize(("bad", "radius_m"), [(np.nan, 0.0), (np.inf, 0.003)])
+def test_invalid_position_is_flagged_and_last_valid_one_used(bad, radius_m):
+    renderer = hapscene.Renderer(scene(), ["wall"], tip_radius_m=radius_m)
+    renderer.reset([0, 0, 0.001 + radius_m])
+    good = renderer.step([0, 0, -0.001 + radius_m])
+    held = renderer.step([0, bad, -0.002 + radius_m])
+    after = renderer.step([0, 0, -0.001 + radius_m])
     assert (good.flags, held.flags, after.flags) == (Flag(0), Flag.TOOL_NOT_FINITE, Flag(0))
     np.testing.assert_array_equal(held.f_W_N, good.f_W_N)
     np.testing.assert_array_equal(after.f_W_N, good.f_W_N)
