@@ -155,7 +155,10 @@ def test_geoms_of_a_body_and_swatches_by_name() -> None:
         hapscene.bridge.MuJoCo(model, data, {"craet": "wood"})
     model.geom_type[1] = mujoco.mjtGeom.mjGEOM_SDF
     with pytest.warns(MeshWarning, match="'bed' of body 'cart'"):
-        assert hapscene.bridge.MuJoCo(model, data).scene.body("cart").mesh.group_names == ("geom_2/steel", "handle/steel")
+        assert hapscene.bridge.MuJoCo(model, data).scene.body("cart").mesh.group_names == (
+            "geom_2/steel",
+            "handle/steel",
+        )
 
 
 @pytest.mark.parametrize("step_s", [1e-3, 1 / 60])

@@ -283,7 +283,7 @@ def test_a_silent_client_loses_its_tool_and_its_bodies() -> None:
     servo.tools, servo.withdrawn = 2, []
     servo.withdraw = lambda tool: servo.withdrawn.append(tool)
     servo.button_events = lambda since=0, *, tool: ([SimpleNamespace(tick=5, pressed=True, button=3)], since + 1)
-    clock, hello = VirtualClock(), {"version": 1, "buttons": True}
+    clock, frame, ours = VirtualClock(), pack_frame(Frame(None, 0, ())), Convention.of({})
 
     def say(kind: int, key: int, sequence: int, payload: bytes, port: int = 1) -> Packet:
         answer = server.answer(pack(Packet(kind, key, sequence, payload)), ("127.0.0.1", port))
@@ -291,20 +291,19 @@ def test_a_silent_client_loses_its_tool_and_its_bodies() -> None:
         return unpack(answer)
 
     with Orders(servo) as orders, BridgeServer(orders, "127.0.0.1", 0, clock) as server:
-        first = say(HELLO, 0, 1, pack_json(hello)).key
-        orders.carry_out(Convention.of({}), {"order": "free", "body": "crate", "mass": 1, "inertia": [1, 1, 1]})
-        frame = pack_frame(Frame(None, 0, ()))
+        first = say(HELLO, 0, 1, b'{"version": 1, "buttons": true}').key
+        orders.carry_out(ours, {"order": "free", "body": "crate", "mass": 1, "inertia": [1, 1, 1]})
         assert unpack_state(say(FRAME, first, 1, frame).payload).events == ((5, 4, 3, 0xFFFF, 0.0),)
         clock.sleep_s(1.5)
-        second = say(HELLO, 0, 1, pack_json({"version": 1, "tool": 1}), 2).key
+        second = say(HELLO, 0, 1, b'{"version": 1, "tool": 1}', 2).key
         assert orders.freed == {"crate"} and not unpack_state(say(FRAME, second, 1, frame, 2).payload).events
         clock.sleep_s(1.0)
         say(FRAME, second, 2, frame, 2)
         assert say(FRAME, first, 2, frame).payload == b'{"error":"no such session"}' and orders.freed == {"crate"}
         clock.sleep_s(2.5)
-        say(HELLO, 0, 1, pack_json(hello), 3)
+        say(HELLO, 0, 1, b'{"version": 1}', 3)
         assert not orders.freed and servo.mass_kg == np.inf
-        orders.submit(Convention.of({}), dict, str).result()
+        orders.submit(ours, dict, str).result()
     assert servo.withdrawn == [0, 1]
 
 

@@ -122,7 +122,9 @@ def test_two_tools_chatter_at_half_the_ratio(scene: hapscene.Scene, part: float,
     if chatters:
         least_g = 1e3 * 2 * STIFFNESS_N_M * step_s**2 / ratio_max(4)
         has = (f"{1e3 * box.mass_kg:.3g} g", "1300 N/m", "steps of 4 ms", f"{least_g:.3g} g", f"{part**0.5:.2g}")
-        assert re.findall(r"-?[\d.]+ g|-?\d+ N/m|steps of \d+ ms|(?<=factor of )[\d.]+", str(given[0].message)) == [*has]
+        assert re.findall(r"-?[\d.]+ g|-?\d+ N/m|steps of \d+ ms|(?<=factor of )[\d.]+", str(given[0].message)) == [
+            *has
+        ]
 
 
 def test_ratio_max_of_one_tick() -> None:

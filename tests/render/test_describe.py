@@ -170,11 +170,3 @@ def test_the_axes_of_the_touched_body(renderer):
     rows = touches_of(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, -0.001]], {"box": turned})
     np.testing.assert_allclose(rows["x_WB"][1:], [[0, 1, 0]] * 2, atol=1e-12)
     np.testing.assert_allclose(rows["y_WB"][1:], [[-1, 0, 0]] * 2, atol=1e-12)
-
-
-def test_the_normal_of_a_face_is_exact_at_any_depth(renderer):
-    tilted = trimesh.transformations.rotation_matrix(0.4, (1.0, 2.0, 0.5))
-    path = [tilted[:3, :3] @ (0.01, 0.02, z) for z in (0.001, -1e-13, -2e-13)]
-    rows = touches_of(renderer, path, {"box": np.tile(tilted, (3, 1, 1))})
-    assert rows["touching"].tolist() == [0, 1, 1]
-    np.testing.assert_allclose(rows["nhat_W"][1:], np.tile(tilted[:3, 2], (2, 1)), atol=1e-14)

@@ -77,11 +77,11 @@ def test_body_force_excludes_limits_fields_and_device_damping():
 def test_two_bodies_in_contact_share_the_force(radius_m):
     """In the corner of a floor and a wall without friction, each receives the push of its own face at its own point."""
     renderer = hapscene.Renderer(scene((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"], tip_radius_m=radius_m)
-    aside = np.array([-radius_m, 0.0, radius_m])
-    for p in ((0.045, 0.0, 0.055), (0.0495, 0.0, 0.0499), (0.0503, 0.0, 0.0499), (0.0503, 0.0, 0.0496)):
-        renderer.step(p + aside)
+    path = np.array([(0.045, 0.0, 0.055), (0.0495, 0.0, 0.0499), (0.0503, 0.0, 0.0499), *2 * [(0.0503, 0.0, 0.0496)]])
+    path += (-radius_m, 0.0, radius_m)
+    renderer.run(path[:4])
     before = [np.concatenate(renderer.impulse(f"box {i}")) for i in range(2)]
-    command = renderer.step((0.0503, 0.0, 0.0496) + aside)
+    command = renderer.step(path[4])
     floor, wall = (np.concatenate(renderer.impulse(f"box {i}")) - before[i] for i in range(2))
     down, right = 500.0 * 0.0004 * 1e-3, 500.0 * 0.0003 * 1e-3
     np.testing.assert_allclose(floor, [0.0, 0.0, -down, 0.0, down * (0.05 - radius_m), 0.0], atol=1e-12)
