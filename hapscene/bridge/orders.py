@@ -4,7 +4,6 @@ They run in a separate thread, so that an order that takes long, such as adding 
 """
 
 import inspect
-import os
 import warnings
 from base64 import b64decode
 from collections import Counter
@@ -219,7 +218,6 @@ class Orders:
         self.servo.remove(body)
 
     def _paint(self, to: Convention, body: Json, swatch: Json, faces: Json = None) -> dict[str, Json]:
-        self._number(body)
         scene = self.servo.scene.copy()
         scene.bodies = [scene.bodies[number] for number in self.names]
         count = scene.paint(body, _named(swatch), faces)
@@ -266,7 +264,7 @@ def _floats(given: Json) -> dict[str, float]:
 
 def _named(swatch: Json) -> str:
     """Check the name of a swatch; clients cannot make the server read a file."""
-    if not isinstance(swatch, str) or swatch.endswith(".swatch") or {"/", "\\", os.sep} & {*swatch}:
+    if not isinstance(swatch, str) or swatch.endswith(".swatch") or {"/", "\\"} & {*swatch}:
         raise SwatchError(f"swatch {swatch!r:.60}: expected the name of a swatch, not a file")
     return swatch
 

@@ -158,7 +158,7 @@ class _Writer:
         """Add some faces of a body with their material in the file, else with their colours, else with their swatch."""
         mesh = body.mesh
         corner_m, normal = mesh.vertices_m[mesh.faces[rows]], self.normals_of(body)[rows]
-        if not has_look(body) or mesh.colour_rgb is None or self.show == "feel":
+        if mesh.colour_rgb is None or self.show == "feel":
             return self.add_worn(body, swatch, corner_m, normal)
         if material < 0:
             colour = linear(mesh.colour_rgb[rows] / 255)
@@ -184,10 +184,11 @@ class _Writer:
         Triangles of an overlay have an opacity above 0, of which each has a share (k,).
         """
         grain, more = grain_of(self.scene.swatches[swatch]), {}
-        soft = share is not None and bool((share < 1.0).any())
-        if share is not None and soft:
+        if share is not None and (share >= 1.0).all():
+            share = None
+        if share is not None:
             more["COLOR_0"] = np.repeat(np.column_stack([np.ones((len(share), 3)), share])[:, None], 3, axis=1)
-        made = self.add_material(swatch, body.two_sided, overlay=overlay, soft=soft)
+        made = self.add_material(swatch, body.two_sided, overlay=overlay, soft=share is not None)
         if grain.flat:
             return self.add_triangles(corner_m, made, NORMAL=normal, **more)
         uv, way = box_uv(corner_m, grain.tile_m(body.mesh.diagonal_m))

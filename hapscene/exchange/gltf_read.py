@@ -262,7 +262,7 @@ class _Reader:
             raise self.fail("it is compressed, which is not supported; export it without compression")
         if any("sparse" in accessor for accessor in items_of(self.tree, "accessors", str(self.path))):
             raise self.fail("sparse accessors are not supported")
-        primitives: list[tuple[int, dict[str, Json]]] = []
+        primitives: list[tuple[int, int, dict[str, Json]]] = []
         for mesh in range(len(items_of(self.tree, "meshes", str(self.path)))):
             for primitive in self.primitives(mesh):
                 if self.is_overlay(primitive):
@@ -271,15 +271,16 @@ class _Reader:
                     raise self.fail(f"meshes[{mesh}]: only triangles are supported")
                 if _is_packed(primitive):
                     raise self.fail(f"meshes[{mesh}] is compressed, which is not supported")
-                if type(primitive.get("material", -1)) is not int or primitive.get("material", -1) < -1:
+                material = primitive.get("material", -1)
+                if type(material) is not int or material < -1:
                     raise self.fail(f"meshes[{mesh}]: material must be an index")
-                primitives.append((mesh, primitive))
+                primitives.append((mesh, material, primitive))
         try:
-            parts = self.parts([one for _, one in primitives], chunk, True)
+            parts = self.parts([one for *_, one in primitives], chunk, True)
         except Exception:  # trimesh raises many classes for damaged data
-            parts = self.parts([one for _, one in primitives], chunk, False)
-        for (mesh, primitive), part in zip(primitives, parts, strict=True):
-            self.pieces.setdefault(mesh, []).append((primitive.get("material", -1), part))
+            parts = self.parts([one for *_, one in primitives], chunk, False)
+        for (mesh, material, _), part in zip(primitives, parts, strict=True):
+            self.pieces.setdefault(mesh, []).append((material, part))
 
     def parts(self, primitives: list[dict[str, Json]], chunk: bytes, shown: bool) -> list[Part]:
         """Return the faces of primitives, with their look if it is `shown`, as `hapscene.load_mesh` does."""
@@ -306,8 +307,6 @@ class _Reader:
                 check_gltf(content, True, str(self.path), FILE_MAX_B)
             loaded = trimesh.load_scene(io.BytesIO(content), file_type="glb", process=False)
             found: list[Any] = [loaded.geometry[str(number)] for number in range(len(meshes))]
-            if any(mesh.faces.size == 0 or mesh.faces.max() >= len(mesh.vertices) for mesh in found):
-                raise ValueError("a vertex index is out of range")
             parts = [part_of(mesh, [UNNAMED], None, {}) for mesh in found]
         except (MemoryError, SceneError):
             raise

@@ -1,7 +1,6 @@
 """Representation of swatches and paint in files of other formats, and their restoration."""
 
 import hashlib
-import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +55,7 @@ def known_swatch(name: str) -> Swatch | None:
     """Return the swatch with this name from the library; None if it is unknown. A name never opens another file."""
     if name == PLAIN.name:
         return PLAIN
-    if "/" in name or "\\" in name or os.sep in name or name.endswith(SUFFIX):
+    if "/" in name or "\\" in name or name.endswith(SUFFIX):
         return None
     try:
         return load_swatch(name)

@@ -87,7 +87,7 @@ class MovingBodies:
         values: list[Any] = list(poses.values())
         with suppress(AttributeError, TypeError, ValueError, BufferError):  # eight times as fast as one by one
             if {*map(len, values)} == {4} and [X.dtype for X in values].count(_FLOAT) == len(values):
-                self.poses[0].reshape(-1)[:] = np.frombuffer(b"".join(values))
+                self.poses[0].ravel()[:] = np.frombuffer(b"".join(values))
                 return
         for slot, (name, X_WB) in zip(self.poses[0], poses.items(), strict=True):
             if np.shape(X_WB) != (4, 4):

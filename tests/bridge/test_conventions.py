@@ -42,7 +42,8 @@ def test_an_invalid_quaternion_gives_nan() -> None:
     assert np.isnan(frame.pose((0, 0, 0), (np.nan, 0, 0, 1))).any()
 
 
-@pytest.mark.parametrize("hello", [{"up": "x"}, {"metres": True}])
+@pytest.mark.parametrize("hello", [{"up": "x"}, *({"metres": bad} for bad in (True, "1", 9e-7, 1.1e6))])
 def test_invalid_conventions(hello: dict) -> None:
     with pytest.raises(PacketError):
         Convention.of(hello)
+    assert [Convention.of({"metres": ends}).metre for ends in (1e-6, 1e6)] == [1e-6, 1e6]

@@ -14,6 +14,7 @@ import hapscene
 from hapscene.bridge.mujoco_file import compile_model
 from hapscene.cli import main
 from hapscene.errors import FormatError
+from hapscene.scene.mesh import MeshWarning
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'hapscene[mujoco]'")
 
@@ -96,6 +97,7 @@ def test_geoms_agree_with_rays_of_mujoco(kind: str) -> None:
         data.qpos[:] += np.random.default_rng(1).normal(0.0, 0.3, 7)
     body = hapscene.bridge.MuJoCo(model, data).scene.body("part")
     mesh, rng, hit = solid(body), np.random.default_rng(2), np.zeros(1, np.int32)
+    assert mesh.is_volume == (kind != "plane")  # closed, and its faces are outward
     middle, reach = mesh.bounds.mean(axis=0), float(np.linalg.norm(mesh.extents))
     sag_m = 1.3e-3 * 0.03 if kind in ("sphere", "capsule", "cylinder", "ellipsoid") else 1e-8
 
@@ -123,8 +125,8 @@ def test_geoms_of_a_body_and_swatches_by_name() -> None:
       <worldbody>
         <geom name="floor" type="plane" size="0 0 .1"/>
         <body name="cart" pos="0 0 1"><joint type="slide" axis="1 0 0"/>
-          <geom name="bed" type="box" size=".1 .1 .1"/>
-          <geom type="sphere" size=".1" material="steel"/>
+          <geom name="bed" type="box" size=".1 .1 .1" contype="0"/>
+          <geom type="sphere" size=".1" material="steel" conaffinity="0"/>
           <geom name="handle" type="sphere" size=".1" material="steel"/>
           <geom name="paint" type="box" size=".2 .2 .2" contype="0" conaffinity="0"/>
           <body pos="0 0 1"><geom type="sphere" size=".1"/></body>
@@ -151,6 +153,12 @@ def test_geoms_of_a_body_and_swatches_by_name() -> None:
         assert {same.swatches[i].name for body in same.bodies for i in body.face_swatch} == {name}
     with pytest.raises(hapscene.HapsceneError, match=r"no geom, material or body 'craet'; there are: .*cart"):
         hapscene.bridge.MuJoCo(model, data, {"craet": "wood"})
+    model.geom_type[1] = mujoco.mjtGeom.mjGEOM_SDF
+    with pytest.warns(MeshWarning, match="'bed' of body 'cart'"):
+        assert hapscene.bridge.MuJoCo(model, data).scene.body("cart").mesh.group_names == (
+            "geom_2/steel",
+            "handle/steel",
+        )
 
 
 @pytest.mark.parametrize("step_s", [1e-3, 1 / 60])
@@ -223,12 +231,29 @@ def test_a_diverged_and_reset_simulation(tmp_path: Path, monkeypatch: pytest.Mon
     assert command.flags == 0
 
 
-def test_invalid_models_and_data() -> None:
-    model, _ = crates(0.002)
+def test_invalid_models_and_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, data = crates(0.002)
     with pytest.raises(hapscene.HapsceneError, match="another model"):
         hapscene.bridge.MuJoCo(model, compiled("<mujoco/>")[1])
     with pytest.raises(hapscene.HapsceneError, match="NoneType"):
         hapscene.bridge.MuJoCo(model, None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    for load, given in ((hapscene.bridge.MuJoCo, (model, data)), (hapscene.bridge.load_mujoco, ("a.xml",))):
+        with pytest.raises(hapscene.HapsceneError, match="MuJoCo is not installed"):
+            load(*given)
+
+
+def test_pose_and_mobility_of_a_free_body_at_present() -> None:
+    model, data = compiled("""<mujoco><worldbody>
+      <body><freejoint/><geom type="box" size=".05 .03 .02" mass=".2"/></body>
+    </worldbody></mujoco>""")
+    bridge, X_WB = hapscene.bridge.MuJoCo(model, data), np.eye(4)[None]
+    data.qpos[:] = 0.1, 0.2, 0.3, 0.8, 0.0, 0.6, 0.0  # a turn about y
+    bridge.read(X_WB)
+    turned = np.array([[0.28, 0.0, 0.96], [0.0, 1.0, 0.0], [-0.96, 0.0, 0.28]])
+    np.testing.assert_allclose(X_WB[0, :3], np.c_[turned, [0.1, 0.2, 0.3]], atol=1e-12)
+    inertia = 0.2 / 3.0 * np.array([0.03**2 + 0.02**2, 0.05**2 + 0.02**2, 0.05**2 + 0.03**2])
+    np.testing.assert_allclose(bridge.mobility(0), hapscene.bridge.free_mobility(0.2, inertia, turned), atol=1e-6)
 
 
 def test_mobility_of_a_hinged_body() -> None:
@@ -350,6 +375,9 @@ def test_replicate_with_too_many_copies_is_an_error(counts: tuple[int, ...]) -> 
         text = f'<replicate count="{count}">{text}</replicate>'
     with pytest.raises(FormatError, match="replicate"):
         compile_model(io.BytesIO(f"<mujoco><worldbody>{text}</worldbody></mujoco>".encode()), "never read")
+    few = 2 * '<replicate count="100000"/>'  # one beside the other
+    with pytest.raises(FormatError, match="error of MuJoCo"):
+        compile_model(io.BytesIO(f"<mujoco><worldbody>{few}</worldbody></mujoco>".encode()), "never read")
 
 
 def test_two_hands_lift_a_box() -> None:

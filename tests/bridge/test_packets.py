@@ -17,6 +17,7 @@ from hapscene.bridge.packets import (
     State,
     pack,
     pack_state,
+    unpack,
     unpack_frame,
     unpack_json,
 )
@@ -43,6 +44,19 @@ def test_layout() -> None:
     assert unpack_state(pack_state(other)) == other
     assert len(answer) == 152 + 56 and struct.unpack_from("<iiiIIHH", answer, 128) == (1, 2, 3, 4, 6, 0, 1)
     assert struct.unpack_from("<H", answer, 152)[0] == 7
+
+
+@pytest.mark.parametrize(("at", "byte"), [(3, b"2"), (4, b"\0"), (4, b"\x09"), (6, b"\x1a")])
+def test_an_invalid_header_is_refused(at: int, byte: bytes) -> None:
+    """Another version, kinds that do not exist, and another length, with the right checksum."""
+    data = pack(Packet(FRAME, 1, 2, b"?"))
+    assert unpack(data) == (FRAME, 1, 2, b"?")
+    head = data[:at] + byte + data[at + 1 : 20]
+    with pytest.raises(PacketError, match="header"):
+        unpack(head + struct.pack("<I", zlib.crc32(head + b"?")) + b"?")
+    for wrong in (data[:23], data + bytes(SIZE_MAX)):
+        with pytest.raises(PacketError, match="expected 24 to"):
+            unpack(wrong)
 
 
 def test_inconsistent_packets_are_refused() -> None:

@@ -1,5 +1,6 @@
 """The two-rate coupling with a simple simulation: momentum, prediction, chatter."""
 
+import re
 import warnings
 
 import numpy as np
@@ -25,7 +26,7 @@ class Box:
     def __init__(self, mass_kg: float, step_s: float, f_N: float = 0.0, drag_N: float = 0.0, turns: bool = True):
         self.mass_kg, self.step_s, self.f_N, self.drag_N = mass_kg, step_s, np.array([f_N, 0.0, 0.0]), drag_N
         self.inertia_kg_m2 = mass_kg * SIDE_M**2 / 6.0 if turns else 1e30
-        self.X_WB, self.v_m_s, self.w_rad_s = np.eye(4), np.zeros(3), np.zeros(3)
+        self.X_WB, self.v_m_s, self.w_rad_s, self.steps = np.eye(4), np.zeros(3), np.zeros(3), 0
 
     def read(self, X_WB: Array) -> None:
         X_WB[0] = self.X_WB
@@ -34,6 +35,7 @@ class Box:
         return hapscene.bridge.free_mobility(self.mass_kg, 3 * [self.inertia_kg_m2], self.X_WB[:3, :3])
 
     def advance(self, wrench_W: Array) -> None:
+        self.steps += 1
         self.v_m_s += (wrench_W[0, :3] + self.f_N) / self.mass_kg * self.step_s
         most_m_s = self.drag_N / self.mass_kg * self.step_s
         self.v_m_s -= np.clip(self.v_m_s, -most_m_s, most_m_s)
@@ -88,10 +90,15 @@ def test_momentum_of_two_tools(scene: hapscene.Scene, step_s: float) -> None:
 
 @pytest.mark.parametrize(("step_s", "ticks"), [(1e-3, 1000), (4e-4, 400), (1.5e-3, 1500), (1 / 60, 1000)])
 def test_number_of_ticks(scene: hapscene.Scene, step_s: float, ticks: int) -> None:
-    bridge, renderer, counted = hapscene.bridge.Bridge(Box(0.2, step_s)), hapscene.Renderer(scene), []
-    for _ in range(round(ticks * 1e-3 / step_s)):
-        bridge.step(renderer, (-0.1, 0.0, 0.0), counted.append)
-    assert len(counted) == ticks
+    """The tool moves to the end of each step on a straight line."""
+    bridge, renderer, seen_m = hapscene.bridge.Bridge(Box(0.2, step_s)), hapscene.Renderer(scene), list[float]()
+    ends = {}
+    for k in range(round(ticks * 1e-3 / step_s)):
+        x_m = -0.1 - 1e-4 * (k % 7)
+        bridge.step(renderer, (x_m, 0.0, 0.0), lambda _: seen_m.append(float(renderer.surface.touch["p_WT_m"][0, 0])))
+        ends.setdefault(len(seen_m) - 1, x_m)
+    assert len(seen_m) == ticks
+    np.testing.assert_allclose(seen_m, np.interp(np.arange(ticks), [*ends], [*ends.values()]), atol=1e-15)
 
 
 @pytest.mark.parametrize(("part", "chatters"), [(0.93, False), (1.07, True)])
@@ -100,7 +107,7 @@ def test_two_tools_chatter_at_half_the_ratio(scene: hapscene.Scene, part: float,
     step_s = 4e-3
     box = Box(STIFFNESS_N_M * step_s**2 / (0.5 * part * ratio_max(4)), step_s, turns=False)
     box.X_WB[0, 3] = 1e-5  # beside the equilibrium
-    tools, felt = [hapscene.Renderer(scene, effects=["wall"]) for _ in range(2)], list[float]()
+    tools, felt = [hapscene.Renderer(scene, effects=["wall"]) for _ in range(2)], list[tuple[float, int]]()
     for tool, x_m in zip(tools, (-0.051, 0.051), strict=True):
         tool.tune("test", damping_Ns_m=0.0)
         tool.reset((x_m, 0.0, 0.0))
@@ -108,9 +115,16 @@ def test_two_tools_chatter_at_half_the_ratio(scene: hapscene.Scene, part: float,
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
         for _ in range(400):
-            bridge.step(tools, lambda: places, lambda made: felt.append(made[0].f_W_N[0]))
+            bridge.step(tools, lambda: places, lambda made: felt.append((made[0].f_W_N[0], len(given))))
     assert [note.category for note in given] == chatters * [hapscene.bridge.ChatterWarning]
-    assert (np.ptp(felt[800:]) > 0.1) == chatters  # 0.5 mN and 0.8 N
+    assert (np.ptp(felt[800:], axis=0)[0] > 0.1) == chatters  # 0.5 mN and 0.8 N
+    assert felt[1][1] == chatters  # after the first tick
+    if chatters:
+        least_g = 1e3 * 2 * STIFFNESS_N_M * step_s**2 / ratio_max(4)
+        has = (f"{1e3 * box.mass_kg:.3g} g", "1300 N/m", "steps of 4 ms", f"{least_g:.3g} g", f"{part**0.5:.2g}")
+        assert re.findall(r"-?[\d.]+ g|-?\d+ N/m|steps of \d+ ms|(?<=factor of )[\d.]+", str(given[0].message)) == [
+            *has
+        ]
 
 
 def test_ratio_max_of_one_tick() -> None:
@@ -120,9 +134,10 @@ def test_ratio_max_of_one_tick() -> None:
 
 
 def test_the_time_of_a_recording_goes_on_after_the_ticks_of_a_bridge(scene: hapscene.Scene) -> None:
-    bridge, renderer = hapscene.bridge.Bridge(Box(0.2, 1 / 60)), hapscene.Renderer(scene)
+    bridge, renderer = hapscene.bridge.Bridge(box := Box(0.2, 1 / 60)), hapscene.Renderer(scene)
     path = np.tile((0.2, 0.0, 0.0), (40, 1))
     first, second = bridge.run(renderer, path), renderer.run(path)
+    assert box.steps == 3  # of 16 or 17 ticks
     assert first.t_s == pytest.approx(np.arange(40) / 1000.0) and second.t_s == pytest.approx(
         np.arange(40, 80) / 1000.0
     )
@@ -134,7 +149,7 @@ def test_a_twin_pushes_a_body(scene: hapscene.Scene) -> None:
     way = np.linspace((-0.06, 0.0, 0.0), (-0.04, 0.0, 0.0), 102)
     result = hapscene.bridge.Bridge(box).run_twin(twin, hapscene.loop.ReferenceTrajectory.along(way, "medium"))
     given = 1e-3 * result.recording.f_body_W_N[:, 0].sum()
-    assert len(result) == 102 and given > 1e-3
+    assert len(result) == 102 and given > 1e-3 and box.steps == 15
     assert twin.renderer.impulse("box").linear_N_s[0] == pytest.approx(given)
     assert box.mass_kg * box.v_m_s[0] == pytest.approx(given)
 
@@ -205,3 +220,21 @@ def test_steady_motion_is_predicted_between_steps(scene: hapscene.Scene) -> None
     turns = Rotation.from_rotvec(t * box.w_rad_s) * Rotation.from_rotvec((0.3, -0.7, 1.1))
     expected = np.concatenate((turns.as_matrix(), (t * box.v_m_s)[:, :, None]), axis=2)
     np.testing.assert_allclose(seen[30:], expected[30:], atol=1e-9)
+
+
+def test_a_constant_force_is_predicted_and_an_impact_is_not(scene: hapscene.Scene) -> None:
+    """The rendered body has the acceleration of the force in each tick; an impact does not accelerate it afterwards."""
+    box, seen_m = Box(0.2, 0.01, f_N=0.4), list[float]()
+    bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene)
+    body = renderer.world.bodies[0]
+    for k in range(12):
+        if k == 6:
+            box.f_N[0] = 0.0
+        if k == 9:
+            box.v_m_s[0] += 0.5
+        bridge.step(renderer, (0.0, 0.0, 1.0), lambda _: seen_m.append(float(body.p_WB_m[0])))
+    moved_m = np.diff(seen_m)[:110]
+    np.testing.assert_allclose(np.diff(moved_m[30:60]), 0.4 / 0.2 * 1e-3**2, rtol=1e-9)
+    steps_m = moved_m.reshape(11, 10)[7:]
+    np.testing.assert_allclose(steps_m, np.tile(steps_m[:, :1], 10), rtol=1e-12)
+    np.testing.assert_allclose(np.diff(steps_m[1:, 0]), [0.0, 2 * 0.5 * 1e-3], atol=1e-15)  # and is made up for

@@ -157,7 +157,14 @@ def test_packets_in_binary_messages(served: Here, designer: Designer) -> None:
         ({"order": "add", "name": "crate", "like": "crate"}, "crate"),
         ({"order": "add", "name": "x", "like": "crate", "swatch": "/etc/passwd"}, "name of a swatch"),
         ({"order": "add", "name": "x", "like": "crate", "mesh": "crate.stl"}, "expected: name, vertices, faces"),
-        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": [[0, 0, 0.5]]}, "faces"),
+        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]]}, "vertices and faces"),
+        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": [[0, 0, 0]], "like": "crate"}, "and faces"),
+        ({"order": "add", "name": "x", "like": "crate", "swatch": "x.swatch"}, "name of a swatch"),
+        ({"order": "add", "name": "x", "like": "crate", "swatch": 5}, "name of a swatch"),
+        *(
+            ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": faces}, "expected integers (m, 3)")
+            for faces in ([[0, 0, 0.5]], [[0, 0, 2**31]], [[0, 0, float("nan")]], [0, 0, 0])
+        ),
         ({"order": "add", "name": "x", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, 3]]}, "vert"),
         ({"order": "paint", "body": "crate", "swatch": "wood", "faces": [12]}, "12"),
         ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "vertices"),
@@ -208,11 +215,15 @@ def test_limits_are_enforced_and_counted() -> None:
     talks[1].join(PATIENCE_S)
     assert designer.order("counts")["counts"]["web bad"] == 1
     more = [sync.connect(served.ws) for _ in range(CONNECTIONS_MAX - 1)]
+    talks = [*served.door._listener._threads.values()][1:]
     with pytest.raises((OSError, EOFError, InvalidMessage, ConnectionClosed)):
         sync.connect(served.ws)
     for wire in more:
         wire.close()
-    assert designer.order("counts")["counts"]["web full"] == 1
+    for talk in talks:
+        talk.join(PATIENCE_S)
+    counts = designer.order("counts")["counts"]
+    assert counts["web full"] == counts["web bad"] == 1
     served.close()
 
 
@@ -225,3 +236,5 @@ def test_close_with_open_connections() -> None:
         assert garbled.recv(100) == b""
         assert designer.order("counts")["counts"]["web let in"] <= designer.order("counts")["counts"]["web"] - 1
         served.close()
+        with pytest.raises(ConnectionClosed):
+            designer.wire.recv(PATIENCE_S)

@@ -13,8 +13,9 @@ from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import ExchangeWarning, fine_to_json, restore_fine
 from hapscene.scene.fine_paint import parts
+from hapscene.scene.gltf_check import parse_gltf
 from hapscene.scene.region import Box, Sphere
-from hapscene.scene.scene import Scene
+from hapscene.scene.scene import SWATCH_MAX, Scene
 from tests.subface_areas import areas_m2
 
 
@@ -60,8 +61,14 @@ def surface_points(scene: Scene) -> np.ndarray:
 
 
 def test_gltf_roundtrip(fine: Scene, tmp_path: Path) -> None:
-    export_scene(fine, tmp_path / "a.glb")
-    back = import_scene(tmp_path / "a.glb")
+    file = export_scene(fine, tmp_path / "a.glb")[0]
+    back = import_scene(file)
+    assert all(body.mesh.uv is None and body.mesh.colour_rgb is None for body in back.bodies)
+    tree = parse_gltf(file.read_bytes(), True, "a.glb")[0]
+    shown = [(tree["materials"][one["material"]], one) for mesh in tree["meshes"] for one in mesh["primitives"]]
+    assert {m["name"] for m, _ in shown if m.get("alphaMode") == "BLEND"} == {"feel: paper"}  # of the spot with falloff
+    assert all(("COLOR_0" in one["attributes"]) == (m.get("alphaMode") == "BLEND") for m, one in shown)
+    assert {m["pbrMetallicRoughness"]["baseColorFactor"][3] for m, _ in shown} == {1.0}
     for was, now in zip(fine.bodies, back.bodies, strict=True):
         assert len(now.fine) == len(was.fine)
     points = surface_points(fine)
@@ -85,7 +92,7 @@ def test_changed_faces_lose_subfaces(fine: Scene, tmp_path: Path) -> None:
     "edit",
     [
         lambda data: None,
-        lambda data: data | {"swatches": "wood"},
+        *(lambda data, bad=bad: data | {"swatches": bad} for bad in ("wood", ["wood", 5], ["wood"] * (SWATCH_MAX + 1))),
         lambda data: data | {"packed": "AAAA"},
     ],
 )
@@ -113,6 +120,7 @@ def test_cut_faces_are_watertight(soup: bool, fine: Scene) -> None:
         )
         body = replace(body, mesh=mesh)
     vertices_m, faces, swatch, *_ = cut_faces(body)
+    assert soup or len(np.unique(vertices_m.round(12), axis=0)) == len(vertices_m)
     cut = trimesh.Trimesh(vertices_m, faces, process=False)
     cut.merge_vertices(digits_vertex=15)
     assert cut.is_watertight and cut.is_winding_consistent  # each side of a part belongs to one other part

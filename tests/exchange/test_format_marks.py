@@ -39,6 +39,9 @@ def test_other_unit_raises(scene: Scene, tmp_path: Path) -> None:
         with pytest.raises(SceneError, match="mm"):
             read(file, "mm")
         assert len(read(file, "metres").bodies) == len(scene.bodies)
+        for other in ({"up": "z"}, {"scale": 2.0}):
+            with pytest.raises(SceneError, match="omit --up and --scale"):
+                read(file, **other)
 
 
 def foreign(folder: Path) -> Path:

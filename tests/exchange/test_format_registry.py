@@ -21,9 +21,11 @@ def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> N
     assert sorted(tmp_path.iterdir()) == sorted(made)  # nothing else stays
 
 
-@pytest.mark.parametrize("path", ["desk.fbx", "desk", "nowhere/desk.glb"])
-def test_invalid_path_raises(path: str, scene: Scene, tmp_path: Path) -> None:
-    with pytest.raises(SceneError):
+@pytest.mark.parametrize(
+    ("path", "says"), [("desk.fbx", "'.fbx'"), ("desk", "''"), ("nowhere/desk.glb", "nowhere does not exist")]
+)
+def test_invalid_path_raises(path: str, says: str, scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=says):
         export_scene(scene, tmp_path / path)
     assert not list(tmp_path.iterdir())
 
@@ -53,7 +55,8 @@ def test_mesh_of_the_scene_is_not_replaced(scene: Scene, tmp_path: Path) -> None
     assert mesh.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
     assert not is_mesh_of(made, tmp_path / "other.ply")
     mesh.unlink()
-    assert not is_mesh_of(made, mesh)
+    (tmp_path / "other.ply").touch()
+    assert not is_mesh_of(made, mesh) and not is_mesh_of(made, tmp_path / "other.ply")
 
 
 def test_a_swatch_of_the_library_is_known_by_all_its_numbers() -> None:

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hapscene.exchange import export_scene
+from hapscene.exchange.gltf import glb_of
 from hapscene.exchange.swatch_payload import groups_of
 from hapscene.scene.gltf_check import parse_gltf
 from hapscene.scene.scene import Scene
@@ -53,6 +55,16 @@ def test_tangents_are_unit_vectors_along_the_surface(scene: Scene, tmp_path: Pat
         np.testing.assert_allclose(np.linalg.norm(tangent[:, :3], axis=1), 1.0, atol=1e-5)
         np.testing.assert_allclose(np.einsum("ij,ij->i", normal, tangent[:, :3]), 0.0, atol=1e-5)
         assert (tangent[:, 3] == 1.0).all()
+    for attributes in found:
+        bounds = tree["accessors"][attributes["POSITION"]]
+        at = rows(attributes["POSITION"]).reshape(-1, 3)
+        assert (bounds["min"], bounds["max"]) == (at.min(axis=0).tolist(), at.max(axis=0).tolist())
+
+
+@pytest.mark.parametrize("count", range(4))
+def test_chunks_are_padded_to_four_bytes(count: int) -> None:
+    made = glb_of({"name": count * "?"}, b"\1\2\3\4", Path("a.glb"))
+    assert len(made) == int.from_bytes(made[8:12], "little") and int.from_bytes(made[12:16], "little") % 4 == 0
 
 
 def test_extras_have_the_parameters(scene: Scene, tmp_path: Path) -> None:

@@ -104,9 +104,12 @@ def test_added_object_becomes_a_body(
 
 
 def test_material_without_extras_is_found_by_name(tree: dict, read: Callable) -> None:
-    wood = next(m for m in tree["materials"] if m["name"] == "wood")
-    del wood["extras"]
+    wood = next(m for m in tree["materials"] if m["name"].endswith("wood"))
+    del wood["extras"]["sha256"]
     assert "wood" in read(copy.deepcopy(tree)).swatch_source
+    del wood["extras"]
+    back = read(copy.deepcopy(tree))
+    assert "wood" in back.swatch_source
     for material in tree["materials"]:
         if material["name"] == "wood":
             material |= {"name": "Material.001", "extras": {}}
@@ -128,6 +131,13 @@ def _set(tree: dict, path: str, value: Any) -> None:
         ("nodes.0.extras", {"hapscene_version": 2}),
         ("nodes.1.translation", [1, 2, 3]),
         ("nodes.4.extras.hapscene_body", 5),
+        ("nodes.4.extras.two_sided", 3),
+        ("nodes.4.children", []),
+        *(("nodes.4.matrix", bad) for bad in (5, [1] * 15, ["1"] * 16, [1e100] * 16, [-1e100] * 16)),
+        *(("nodes.0.children", [bad]) for bad in ("1", True, 99, -1)),
+        ("nodes.1", 5),
+        ("nodes", {"0": {}}),
+        ("bufferViews.0.extensions", {"EXT_meshopt_compression": {}}),
         ("meshes.0.primitives.0.extensions", {"KHR_draco_mesh_compression": {}}),
         ("meshes.0.primitives.0.material", -5),
         ("meshes.0.primitives.0.material", True),
@@ -162,3 +172,11 @@ def test_singular_world_raises(matrix: list[float], tree: dict, read: Callable) 
     tree["nodes"].append({"mesh": 0})
     with pytest.raises(SceneError):
         read(tree)
+
+
+def test_faces_without_a_material_are_plain(tree: dict, read: Callable) -> None:
+    primitive = tree["meshes"][tree["nodes"][_node(tree, "nut")["children"][1]]["mesh"]]["primitives"][0]
+    assert tree["materials"][primitive.pop("material")]["name"] == "wood"
+    primitive["extensions"] = {"OTHER_compression": {}}
+    nut = next(body for body in read(tree).bodies if body.name == "nut")
+    assert {*nut.face_swatch.tolist()} == {0, 2} and len(nut.mesh.faces) == 20

@@ -19,6 +19,7 @@ from hapscene.scene.region import Box, Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import load_effect
 from hapscene.swatches.library import load_swatch
+from hapscene.view.palette import rgb
 
 HOSTILE = "</script><img src=x onerror=alert(1)><!--<script>"
 
@@ -111,11 +112,19 @@ def test_shape_and_paint(scene: Scene) -> None:
         assert [scene.swatches[i].name for i in body.face_swatch] == names[rows].tolist()
         start += len(expected)
     assert start == len(corners)
-    assert content["colour"].size == content["position"].size
+    assert content["colour"].size == content["position"].size and content["main"] == 0
+    d_m = float(np.linalg.norm(content["size"]))
+    assert content["scale"] * d_m == pytest.approx(d_m)  # of 0.4 m
 
 
 def test_border_is_where_it_was_painted() -> None:
-    corners, names = triangles(content_of(html_page(painted_box(), "box")))
+    content = content_of(html_page(painted_box(), "box"))
+    corners, names = triangles(content)
+    kinds = content["swatches"]
+    assert [kinds[i]["name"] for i in content["bodies"][0]["swatches"]] == ["wood", "paper"]  # by area
+    assert content["scale"] * np.linalg.norm(content["size"]) == pytest.approx(0.15)
+    colours = 255 * np.array([rgb(kind["colour"]) for kind in kinds])[content["swatch"]]
+    assert np.abs(content["colour"].reshape(-1, 3) - colours).max() < 0.51
     paper = corners[names == "paper"]
     assert area_of(paper).sum() == pytest.approx(np.pi * 0.005**2, rel=0.01)
     assert np.abs(np.linalg.norm(paper.reshape(-1, 3) - (0, 0, 0.01), axis=1)).max() < 0.00515
@@ -168,4 +177,8 @@ def test_swatches_have_the_tables_of_the_effects() -> None:
 def swatch_without_texture() -> dict[str, Any]:
     scene = Scene()
     scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m")
-    return dict(content_of(html_page(scene, "plain"))["swatches"][0])
+    scene.add(trimesh.creation.box((1.0, 1.0, 1.0)), name="large", unit="m", swatch="wood")
+    scene.paint("large", "paper", np.arange(2))
+    content = content_of(html_page(scene, "plain"))
+    assert content["main"] == 1 and content["scale"] * np.linalg.norm(content["size"]) == pytest.approx(0.5)
+    return dict(content["swatches"][0])

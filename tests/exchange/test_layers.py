@@ -22,6 +22,7 @@ from hapscene.scene.gltf_check import parse_gltf
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene, load_scene
+from hapscene.view.feel_layer import OPACITY
 from tests.exchange.test_html_page import content_of
 
 RADIUS_M = 0.025
@@ -87,7 +88,12 @@ def test_materials_and_texture_coordinates_survive(show: Any, disc: Scene, textu
 
 @pytest.mark.parametrize("show", ["both", "feel"])
 def test_border_is_where_it_was_painted(show: Any, disc: Scene, tmp_path: Path) -> None:
-    part = _read(export_scene(disc, tmp_path / "truck.glb", show=show)[0])["feel: leather"]
+    file = export_scene(disc, tmp_path / "truck.glb", show=show)[0]
+    part = _read(file)["feel: leather"]
+    tree = parse_gltf(file.read_bytes(), True, file.name)[0]
+    made = next(m for m in tree["materials"] if m["name"] == "feel: leather")
+    opacity, mode = (OPACITY, "BLEND") if show == "both" else (1.0, None)
+    assert (made["pbrMetallicRoughness"]["baseColorFactor"][3], made.get("alphaMode")) == (opacity, mode)
     assert part.area == pytest.approx(np.pi * RADIUS_M**2, rel=2 * RESOLUTION_M / RADIUS_M)
     edges = np.sort(part.edges, axis=1)
     rows, count = np.unique(edges, axis=0, return_counts=True)
@@ -125,8 +131,9 @@ def test_cut_faces_have_paint_and_look(disc: Scene, tmp_path: Path) -> None:
     assert body.mesh.uv is not None and body.mesh.material is not None and not body.mesh.material.any()
     u, v = np.moveaxis(np.diff(body.mesh.uv.astype(float), axis=1), 2, 0)
     np.testing.assert_allclose(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 * 0.12**2, area_m2, atol=1e-9)
-    with pytest.raises(SceneError, match="truck"):
-        export_scene(disc, tmp_path / "truck.ply", cut=True)
+    for layer in ({"cut": True}, {"show": "look"}):
+        with pytest.raises(SceneError, match="truck"):
+            export_scene(disc, tmp_path / "truck.ply", **layer)
 
 
 def test_look_is_in_saved_scenes(disc: Scene, tmp_path: Path) -> None:
@@ -170,7 +177,7 @@ def test_damaged_look_is_left_out(path: str, value: Any, disc: Scene, tmp_path: 
     assert again.fine is not None and len(again.mesh.faces) == 12
 
 
-def test_page_has_the_texture(disc: Scene) -> None:
+def test_page_has_the_texture(disc: Scene, textured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     content = content_of(html_page(disc, "truck"))
     (picture,) = content["pictures"]
     pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture.partition(",")[2]))))
@@ -185,6 +192,17 @@ def test_page_has_the_texture(disc: Scene) -> None:
     assert mesh.uv is not None
     disc.bodies[0].mesh = replace(mesh, uv=mesh.uv + np.float32([5, -7]))  # the picture repeats
     np.testing.assert_allclose(content_of(html_page(disc, "truck"))["uv"], content["uv"], atol=1e-5)
+    disc.bodies[0].mesh = replace(mesh, uv=None)
+    assert not content_of(html_page(disc, "truck"))["pictures"]
+    monkeypatch.setattr("hapscene.exchange.html_page.PICTURES_MAX", 1)
+    scene = Scene()
+    for name in ("one", "two"):
+        mesh = scene.add(textured, name=name).mesh
+        scene.bodies[-1].mesh = replace(mesh, materials=(replace(mesh.materials[0], name=name),))
+    content = content_of(html_page(scene, "two"))
+    corners = content["uv"].reshape(-1, 2)[content["faces"][:36].reshape(-1, 3)]
+    np.testing.assert_allclose(corners, scene.bodies[0].mesh.uv * (1, -1) + (0, 1), atol=1e-6)
+    assert len(content["pictures"]) == 1 and {*content["picture"].tolist()} == {0, 255}
 
 
 def test_damaged_texture_is_left_out(disc: Scene, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from hapscene.exchange.swatch_payload import (
     ExchangeWarning,
     check_version,
     digest_of,
+    is_digest,
     known_swatch,
     restore,
 )
@@ -50,7 +51,9 @@ def test_name_never_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(tmp_path)
     mine = replace(load_swatch("wood"), name="x")
     save_swatch(mine, tmp_path / "x.swatch")
-    for name in ("x.swatch", "./x.swatch", str(tmp_path / "x.swatch"), "..\\x.swatch", "x"):
+    assert known_swatch("x") is None
+    monkeypatch.setattr("hapscene.exchange.swatch_payload.load_swatch", lambda name: mine)
+    for name in ("x.swatch", "./x", str(tmp_path / "x.swatch"), "..\\x"):
         assert known_swatch(name) is None
 
 
@@ -67,4 +70,5 @@ def test_invalid_version_raises(version: object) -> None:
     check_version(FILE, 1.0)
 
 
-# Cutting a body by swatch.
+def test_a_digest_has_64_digits() -> None:
+    assert [is_digest(text) for text in ("0a" * 32, "0a" * 31, "0A" * 32, 5, None)] == [True, *4 * [False]]

@@ -67,6 +67,17 @@ def test_the_other_side_of_a_thin_body_is_not_loaded() -> None:
     assert np.count_nonzero(forces_N[:, 2]) > 8
 
 
+def test_a_force_beside_the_face_acts_at_its_nearest_point() -> None:
+    """Beside the middle of a side, and beside a face without an area."""
+    corners = np.array([[1.0, 3.0, 2.0], [3.0, 3.0, 2.0], [2.0, 4.0, 2.0]])
+    f_N, face = np.array([0.5, -1.0, 2.0]), np.array([[0, 1, 2]])
+    forces_N = spread_force(corners, face, 0, p_m=np.array([2.0, 2.5, 2.3]), f_N=f_N, radius_m=0.0)
+    np.testing.assert_allclose(forces_N, [0.5 * f_N, 0.5 * f_N, 0.0 * f_N], atol=1e-12)
+    line = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    forces_N = spread_force(line, face, 0, p_m=np.array([0.9, 0.0, 0.0]), f_N=f_N, radius_m=0.1)
+    np.testing.assert_allclose(forces_N.sum(axis=0), f_N, atol=1e-12)
+
+
 def disc(rings: int, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
     """A disc of concentric rings of vertices; vertex 0 is its centre."""
     angle = [2 * np.pi * np.arange(6 * k) / (6 * k) for k in range(1, rings + 1)]

@@ -73,15 +73,18 @@ def test_body_force_excludes_limits_fields_and_device_damping():
     assert np.linalg.norm(held.f_W_N, axis=1).max() < 0.71
 
 
-def test_two_bodies_in_contact_share_the_force():
-    """In the corner of a floor and a wall without friction, each receives the push of its own face."""
-    renderer = hapscene.Renderer(scene((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"])
-    for p in ((0.045, 0.0, 0.055), (0.0495, 0.0, 0.0499), (0.0503, 0.0, 0.0499), (0.0503, 0.0, 0.0496)):
-        renderer.step(p)
-    before = [renderer.impulse(f"box {i}").linear_N_s for i in range(2)]
-    command = renderer.step((0.0503, 0.0, 0.0496))
-    floor, wall = (renderer.impulse(f"box {i}").linear_N_s - before[i] for i in range(2))
-    np.testing.assert_allclose(floor, [0.0, 0.0, -500.0 * 0.0004 * 1e-3], atol=1e-12)
-    np.testing.assert_allclose(wall, [500.0 * 0.0003 * 1e-3, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(floor + wall, -1e-3 * command.f_W_N, atol=1e-15)
-    assert command.contact.body == "box 0" and command.contact.f_body_W_N == pytest.approx(1e3 * floor)
+@pytest.mark.parametrize("radius_m", [0.0, 0.002])
+def test_two_bodies_in_contact_share_the_force(radius_m):
+    """In the corner of a floor and a wall without friction, each receives the push of its own face at its own point."""
+    renderer = hapscene.Renderer(scene((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"], tip_radius_m=radius_m)
+    path = np.array([(0.045, 0.0, 0.055), (0.0495, 0.0, 0.0499), (0.0503, 0.0, 0.0499), *2 * [(0.0503, 0.0, 0.0496)]])
+    path += (-radius_m, 0.0, radius_m)
+    renderer.run(path[:4])
+    before = [np.concatenate(renderer.impulse(f"box {i}")) for i in range(2)]
+    command = renderer.step(path[4])
+    floor, wall = (np.concatenate(renderer.impulse(f"box {i}")) - before[i] for i in range(2))
+    down, right = 500.0 * 0.0004 * 1e-3, 500.0 * 0.0003 * 1e-3
+    np.testing.assert_allclose(floor, [0.0, 0.0, -down, 0.0, down * (0.05 - radius_m), 0.0], atol=1e-12)
+    np.testing.assert_allclose(wall, [right, 0.0, 0.0, 0.0, right * radius_m, 0.0], atol=1e-12)
+    np.testing.assert_allclose((floor + wall)[:3], -1e-3 * command.f_W_N, atol=1e-15)
+    assert command.contact.body == "box 0" and command.contact.f_body_W_N == pytest.approx(1e3 * floor[:3])

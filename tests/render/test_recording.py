@@ -72,8 +72,11 @@ def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
         Recording.load(tmp_path / "lacking.npz")
 
 
-def test_csv_export_and_import_are_inverse(tmp_path: Path) -> None:
+def test_csv_export_and_import_are_inverse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapscene.render.recording._CSV_ROWS", 3)
     recording = make_recording()
+    make_recording(0).save_csv(tmp_path / "empty.csv")
+    assert (tmp_path / "empty.csv").read_text().startswith("t_s,p_WT_x_m")
     recording.save_csv(tmp_path / "touch.csv")
     with (tmp_path / "touch.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -106,8 +109,8 @@ def test_acceleration_has_its_own_times() -> None:
         ({"depth_m": np.zeros(6)}, "depth_m"),
         ({"p_WT_m": np.zeros((7, 2))}, "p_WT_m"),
         ({"a_m_s2": np.zeros(7)}, "a_m_s2"),
-        ({"swatch": np.full(7, 2)}, "swatch"),
-        ({"body": np.full(7, -2)}, "body"),
+        ({"swatch": np.array([0, 2, 1, 0, 0, 0, 0])}, "swatch"),
+        ({"body": np.array([0, -2, 1, 0, 0, 0, 0])}, "body"),
     ],
 )
 def test_inconsistent_arrays_are_rejected(change: dict[str, np.ndarray], field: str) -> None:

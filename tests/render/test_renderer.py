@@ -53,9 +53,12 @@ def test_path_in_parts_equals_the_path():
     path = stroke()
     whole = hapscene.Renderer(scene(), ALL).run(path)
     renderer = hapscene.Renderer(scene(), ALL)
-    parts = [renderer.run(path[:150]), renderer.run(path[150:151]), renderer.run(path[151:])]
-    np.testing.assert_array_equal(np.concatenate([p.f_W_N for p in parts]), whole.f_W_N)
-    np.testing.assert_array_equal(np.concatenate([p.t_s for p in parts]), whole.t_s)
+    parts = [renderer.run(path[:150]), renderer.run(path[150:151])]
+    command = renderer.step(path[151])
+    parts.append(renderer.run(path[152:]))
+    np.testing.assert_array_equal(command.f_W_N, whole.f_W_N[151])
+    np.testing.assert_array_equal(np.concatenate([p.f_W_N for p in parts]), np.delete(whole.f_W_N, 151, axis=0))
+    np.testing.assert_array_equal(np.concatenate([p.t_s for p in parts]), np.delete(whole.t_s, 151))
 
 
 def test_reset_replays():
@@ -143,13 +146,13 @@ def test_other_rates():
 # --- errors in a tick set flags
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_invalid_position_is_flagged_and_last_valid_one_used(bad):
-    renderer = hapscene.Renderer(scene(), ["wall"])
-    renderer.reset([0, 0, 0.001])
-    good = renderer.step([0, 0, -0.001])
-    held = renderer.step([0, bad, -0.002])
-    after = renderer.step([0, 0, -0.001])
+@pytest.mark.parametrize(("bad", "radius_m"), [(np.nan, 0.0), (np.inf, 0.003)])
+def test_invalid_position_is_flagged_and_last_valid_one_used(bad, radius_m):
+    renderer = hapscene.Renderer(scene(), ["wall"], tip_radius_m=radius_m)
+    renderer.reset([0, 0, 0.001 + radius_m])
+    good = renderer.step([0, 0, -0.001 + radius_m])
+    held = renderer.step([0, bad, -0.002 + radius_m])
+    after = renderer.step([0, 0, -0.001 + radius_m])
     assert (good.flags, held.flags, after.flags) == (Flag(0), Flag.TOOL_NOT_FINITE, Flag(0))
     np.testing.assert_array_equal(held.f_W_N, good.f_W_N)
     np.testing.assert_array_equal(after.f_W_N, good.f_W_N)
@@ -185,6 +188,8 @@ def test_a_tool_far_from_all_bodies_is_reported_once():
     """A position of 20 mm that is given as 20 m, at the start and later."""
     renderer, near, far = hapscene.Renderer(scene(), ["wall"]), (0.0, 0.0, 0.02), (0.0, 0.0, 20.0)
     with pytest.warns(UsageWarning, match="far from all bodies") as warned:
+        renderer.reset(far)
+        assert len(warned) == 1
         assert [renderer.step(far).flags for _ in range(3)] == 3 * [Flag.TOOL_FAR]
     assert len(warned) == 1
     renderer.reset(near)
@@ -252,7 +257,7 @@ def test_repainting_equals_a_new_renderer(monkeypatch):
     monkeypatch.setattr("hapscene.render.renderer.ClippedSwatches", counted)
     other = scene(Swatch("oak", stiffness_N_m=333.0))
     renderer.repaint(other)
-    assert len(fitted) == 1
+    assert len(fitted) == 1 and renderer.surface.touch["swatch"] == renderer.surface.touch["other"] == -1
     monkeypatch.undo()
     fresh = hapscene.Renderer(other, device="omni")
     for either in (renderer, fresh):
@@ -289,8 +294,12 @@ def test_bodies_are_added_and_removed_in_contact():
             gone("lid")
     with pytest.raises(SceneError):
         renderer.step((0.0, 0.0, 0.1), [np.eye(4)])
-    with pytest.raises(SceneError):
-        renderer.moving_bodies("plate")
+    for invalid in ("plate", 5):
+        with pytest.raises(SceneError, match="list of names"):
+            renderer.moving_bodies(invalid)
+    for others in (hapscene.Scene(), scene()):
+        with pytest.raises(SceneError, match="bodies differ"):
+            renderer.repaint(others)
 
 
 def test_added_bodies_share_search_structures():
@@ -409,8 +418,20 @@ def test_only_bodies_that_moved_in_the_scene_are_placed() -> None:
     assert renderer.world.bodies.p_WB_m[2].tolist() == [0.0, 0.5, 0.0]
     renderer.reset((0.0, 0.0, 0.2))
     renderer.step((0.0, 0.0, 0.2))
+    built.pose("door", aside)
+    assert np.array_equal(renderer.moving_bodies(["door"]).X_WB, [aside])
     built.pose("lid", trimesh.transformations.translation_matrix((0.0, 0.0, 0.3)))
     assert renderer.step((0.0, 0.0, 0.2)).contact is None  # it jumped past the tool
+
+
+def test_poses_by_name_are_matrices_of_any_numbers() -> None:
+    renderer, X_WB = hapscene.Renderer(scene(), ["wall"]), np.eye(4, dtype=int)
+    X_WB[0, 3] = 2
+    assert renderer.step((0.0, 0.0, 0.1), {"box": X_WB}).flags == 0
+    assert renderer.world.bodies.p_WB_m.tolist() == [[2.0, 0.0, 0.0]]
+    for bad in (np.eye(4).reshape(2, 8), np.full((4, 4), "a")):
+        with pytest.raises(SceneError, match="'box'"):
+            renderer.step((0.0, 0.0, 0.1), {"box": bad})
 
 
 def test_mute_and_unmute() -> None:
