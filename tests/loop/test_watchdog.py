@@ -312,3 +312,19 @@ def test_heartbeat_stops_without_calls(patience_ns: int, beats: int) -> None:
     beat = getattr(heartbeat._beat, "py_func", heartbeat._beat)
     beat(counter, asked, Stop(), VirtualClock().buffer, patience_ns)
     assert counter[0] == pytest.approx(beats, abs=1)
+
+
+@pytest.mark.parametrize(("patience_s", "patience_ns"), [(0.05, 50_000_000), (float("inf"), 10**18)])
+def test_heartbeat_ends_with_its_thread(patience_s: float, patience_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    acts: list[Any] = []
+
+    def beat(counter: Any, asked: Any, stop: Any, clock: Any, patience_ns: int) -> None:
+        acts.append(patience_ns)
+        while not stop[0]:
+            counter[0] = 1
+        acts.append("end")
+
+    monkeypatch.setattr(heartbeat, "request_realtime_priority", lambda: acts.append("priority"))
+    monkeypatch.setattr(heartbeat, "_beat", beat)
+    heartbeat.Heartbeat(np.zeros(1, np.int64), patience_s).stop()
+    assert acts == ["priority", patience_ns, "end"]
