@@ -48,8 +48,10 @@ def test_error_of_the_process_is_one_line(capfd: pytest.CaptureFixture[str]) -> 
     assert "Traceback" not in capfd.readouterr().err
 
 
-class Twin(SimpleNamespace):
-    """Has weak references."""
+class Twin:
+    """Can be referred to weakly."""
+
+    renderer = SimpleNamespace(block=4)
 
 
 @pytest.fixture
@@ -74,7 +76,7 @@ def acts(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         acts.append(made.pop("settings"))
         if isinstance(acts[-1], Exception):
             raise acts[-1]
-        twins = [Twin(renderer=SimpleNamespace(block=4))]
+        twins = [Twin()]
         views.update(twins)
         return twins
 
