@@ -96,7 +96,12 @@ def test_repaint_while_running(servo: VirtualServo) -> None:
 def test_pushed_body_receives_the_impulse(servo: VirtualServo) -> None:
     """A plate on a slide, simulated at 60 Hz: its momentum equals the reported impulse."""
     servo.start((0.0, 0.0, 0.005))
-    servo.set_mass("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
+    rounded = np.diag([1e-3, 2e-3, 4e-3])
+    rounded[0, 1] = 1e-12
+    servo.set_mass("plate", 0.3, inertia_B_kg_m2=rounded, com_B_m=(0.0, 0.0, 1e-3))
+    frame = servo._frames[0]
+    assert frame["inverse_mass"] == pytest.approx(1.0 / 0.3) and frame["com_B_m"].tolist() == [0.0, 0.0, 1e-3]
+    np.testing.assert_allclose(frame["inverse_inertia_B"], np.diag([1e3, 500.0, 250.0]), atol=1e-6)
     z, v, last = -0.01, 0.0, np.zeros(3)
     servo.aim((0.0, 0.0, -0.02), "medium")
     since = servo.state().tick + 1
@@ -120,6 +125,11 @@ def test_pushed_body_receives_the_impulse(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.005))
     assert not np.any(servo.impulse("plate"))
     servo.set_mass("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+    assert servo._frames[0]["inverse_mass"] == 0.0 and not servo._frames[0]["inverse_inertia_B"].any()
+    X_WB[2, 3] = 0.05
+    servo.move("plate", X_WB, teleport=True)  # past the tool
+    servo.advance(50)
+    assert not servo.state().touching
     X_WB[2, 3] = -0.01
     servo.move("plate", X_WB, teleport=True)
 
@@ -236,6 +246,9 @@ def test_invalid_orders_are_rejected(servo: VirtualServo) -> None:
         servo.aim((0.0, np.nan, 0.0))
     with pytest.raises(PathError, match="10000"):
         servo.aim((0.0, 0.0, 2e4))
+    for push_N in ((0.0, 0.0, 2e4), (0.0, 0.0, np.nan), (0.0, 1.0)):
+        with pytest.raises(PathError):
+            servo.aim((0.0, 0.0, 0.0), "light", push_N)
     with pytest.raises(SceneError, match="lid"):
         servo.move("lid", np.eye(4))
     with pytest.raises(SceneError, match="plate"):
@@ -260,7 +273,7 @@ def test_invalid_orders_are_rejected(servo: VirtualServo) -> None:
     ):
         with pytest.raises(SceneError, match="plate"):
             servo.set_mass("plate", wrong[0], inertia_B_kg_m2=wrong[1])
-    for com in ((0.0, 0.0), (0.0, np.nan, 0.0)):
+    for com in ((0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.0, 2e4)):
         with pytest.raises(SceneError, match="com_B_m"):
             servo.set_mass("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
     with pytest.raises(HapsceneError, match="fist"):
@@ -410,8 +423,9 @@ def test_invalid_target_does_not_block_the_next(servo: VirtualServo) -> None:
 
 def test_interrupted_target_does_not_block_the_next(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
-    servo._channel.aims["count"] += 1  # Ctrl-C during a call
+    servo._channel.aims["count"] = 7  # Ctrl-C during a call
     servo.aim((0.0, 0.0, -0.004), "medium")
+    assert servo._channel.aims["count"].tolist() == [8]
     servo.until(lambda: servo.state().touching)
 
 
