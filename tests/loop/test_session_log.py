@@ -41,7 +41,7 @@ def test_replay_is_identical(log_folder: Path) -> None:
     log = SessionLog.load(log_folder)
     replay = log.replay()
     assert replay.count > 500 and len(replay.unlike) == 0 and "the same to the bit" in str(replay)
-    assert log.first + log.rows.shape[1] == 1700 and log.rows.shape[1] == 1499  # all but the one that may be overwritten
+    assert log.first + log.rows.shape[1] == 1700 and log.rows.shape[1] == 1499  # the oldest may be overwritten
     assert 400 < log.memory_tick < 1500  # after the parameter was tuned
     assert log.rows["f_W_N"].any() and log.a_m_s2.any()
 
@@ -104,8 +104,8 @@ def test_log_with_an_added_body_cannot_be_replayed(tmp_path: Path) -> None:
 
 
 def test_replay_of_two_tools_with_numpy_settings(tmp_path: Path) -> None:
-    pull = {"weight": {"mass_kg": np.float32(0.02)}}
-    with VirtualServo(make_scene(), ["omni", "premium-1.5"], ring_s=0.2, effects=["wall", "weight"], settings=pull) as servo:
+    made = {"effects": ["wall", "weight"], "settings": {"weight": {"mass_kg": np.float32(0.02)}}}
+    with VirtualServo(make_scene(), ["omni", "premium-1.5"], ring_s=0.2, **made) as servo:
         servo.start([(0.0, 0.0, 0.002)] * 2)
         for tool in range(2):
             servo.aim((0.0, 0.0, -0.006), "firm", tool=tool)
