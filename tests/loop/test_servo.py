@@ -189,7 +189,6 @@ def test_deform_in_contact(servo: VirtualServo) -> None:
     servo.deform("plate", vertices)
 
 
-@pytest.mark.nightly
 def test_two_tools() -> None:
     with VirtualServo(make_scene(), [MASS, MASS]) as servo:
         servo.start([(-0.03, 0.0, 0.01), (0.03, 0.0, 0.01)])
@@ -210,6 +209,22 @@ def test_two_tools() -> None:
             servo.state(tool=2)
         with pytest.raises(PathError, match="p_WT"):
             servo.start((0.0, 0.0, 0.05))
+        servo.resume()
+        before = servo.impulse("plate").linear_N_s
+        given = servo.start((0.0, 0.0, 0.0), tool=1)  # its impulse starts from 0; the other goes on
+        assert given[0, :3] == pytest.approx(before - servo.impulse("plate").linear_N_s) and given[0, 2] < 0.0
+        servo.aim((0.03, 0.0, -0.006), "medium", tool=1)
+        servo.advance(300)
+        assert servo.state().f_W_N[2] > 0.0 and servo.state(tool=1).f_W_N[2] > 0.0
+        servo.withdraw(tool=1)
+        servo.advance(10)
+        assert servo.state().f_W_N[2] > 0.0 and not servo.state(tool=1).f_W_N.any()
+    with VirtualServo(make_scene(), [MASS, MASS]) as servo:
+        servo.start((0.0, 0.0, 0.0), tool=1)
+        for tool in (0, 1):
+            servo.aim((0.0, 0.0, -0.006), "medium", tool=tool)
+        servo.advance(100)
+        assert [servo.state(tool=tool).f_W_N.any() for tool in (0, 1)] == [False, True]  # one was never started
 
 
 def test_pause_and_resume_in_contact(servo: VirtualServo) -> None:
