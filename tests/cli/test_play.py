@@ -6,7 +6,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from hapscene.cli import main, play
@@ -14,6 +17,7 @@ from hapscene.cli.options import PageOptions
 from hapscene.cli.play import _devices
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
+from hapscene.loop.session_log import Replay
 from hapscene.play.monitor import pressed_keys
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -175,6 +179,134 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
         assert main(["play", DEMO, *options]) == 0
         assert found == found | given and ("kiosk_s" in found) == ("--device" not in options)
         assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in options)
+
+
+class RunningServo(FakeServo):
+    """Notes how it is made and used."""
+
+    handle: ClassVar = {"latency_s": 0.02}
+
+    def __init__(self, acts: list[Any], scene: object, devices: object, **made: object) -> None:
+        super().__init__()
+        self.acts, self.start, self.turn_handle = acts, acts.append, acts.append
+        acts.append((scene, devices, made))
+
+    def handle_report(self) -> dict[str, float]:
+        return self.handle
+
+    def __enter__(self) -> "RunningServo":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.acts.append("ended")
+
+
+@pytest.fixture
+def acts(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    acts = list[Any]()
+    monkeypatch.setattr("hapscene.loop.Servo", lambda *given, **made: RunningServo(acts, *given, **made))
+    monkeypatch.setattr("webbrowser.open", acts.append)
+    monkeypatch.setattr(play, "middle_of_top", lambda scene: (0.0, 0.0, 9.0))
+    return acts
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_page_is_shown_and_then_the_servo_starts(
+    shown: bool, acts: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = SimpleNamespace(url="http://x", public=shown, devices=["a", "b"], tools=2)
+    page.attach = lambda servo: acts.append("attached")
+
+    @contextmanager
+    def serve(scene: object, **made: object) -> Iterator[Any]:
+        acts.append(made)
+        yield page
+
+    monkeypatch.setattr("hapscene.play.page_server.PageServer", serve)
+    monkeypatch.setattr(RunningServo, "handle", {"latency_s": 0.02} if shown else {})
+    options, given = PageOptions(no_browser=not shown), {"host": "127.0.0.1", "port": 0}
+    scene: Any = "scene"
+    with play._on_page(scene, "title", options, 60.0, force_N=1.0):
+        if shown:
+            page.sound(True, 0.5)
+            page.sound(False, 0.5)
+    assert acts == [
+        given | {"tools": 2, "title": "title", "kiosk_s": 60.0},
+        *(["http://x"] if shown else []),
+        *(("scene", ["a", "b"], {"force_N": 1.0}), [(0.0, 0.0, 0.0)] * 2),
+        *([0.0, "attached", 0.5, 0.0] if shown else ["attached"]),
+        "ended",
+    ]
+    output = capsys.readouterr().out
+    assert "http://x" in output and ("network" in output) == shown
+
+
+@pytest.mark.parametrize("at", [(1.0, 2.0, 3.0), None])
+def test_devices_start_at_a_place_or_at_the_top(at: Any, acts: list[Any]) -> None:
+    scene: Any = "scene"
+    with play._with_devices(scene, ["omni", "omni"], at, ring_s=3.0):
+        assert acts == [("scene", ["omni", "omni"], {"ring_s": 3.0}), [at or (0.0, 0.0, 9.0)] * 2]
+    assert acts[2:] == ["ended"]
+
+
+@pytest.mark.parametrize(("host", "ws"), [("127.0.0.1", None), ("10.0.0.1", 5)])
+def test_serve_opens_its_ports_and_reports_what_came(
+    host: str, ws: int | None, acts: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def note(kind: str) -> Any:
+        @contextmanager
+        def entered(of: object, *given: object) -> Iterator[Any]:
+            acts.append((kind, *given))
+            yield SimpleNamespace(address=(host, 7), serve=lambda noted: acts.append(noted()))
+
+        return entered
+
+    class Orders:
+        counts = {"tune": 1200, "add": 1} if ws else {}
+
+        def __init__(self, servo: object) -> None: ...
+
+        def __enter__(self) -> None:
+            acts.append("orders")
+
+        def __exit__(self, *error: object) -> None: ...
+
+    class WebSocket:
+        address = (host, 8)
+
+        def __init__(self, server: object, *given: object) -> None:
+            acts.append(given)
+
+        def __enter__(self) -> None:
+            acts.append("web")
+
+        def __exit__(self, *error: object) -> None: ...
+
+    monkeypatch.setattr("hapscene.bridge.orders.Orders", Orders)
+    monkeypatch.setattr("hapscene.bridge.server.BridgeServer", note("udp"))
+    monkeypatch.setattr("hapscene.bridge.websocket.WebSocketBridge", WebSocket)
+    monkeypatch.setattr(play, "load_input", lambda *given: "scene")
+    assert main(["serve", DEMO, "--host", host, "--tools", "2", *([] if ws is None else ["--ws", str(ws)])]) == 0
+    made = {"progress": play.print_progress, "tip_radius_m": 0.0}
+    web = [(host, ws)] if ws else []
+    assert acts == [
+        *(("scene", ["omni"] * 2, made), ("udp", host, play.PORT), *web, "orders", *(["web"] if ws else [])),
+        *(False, "ended"),
+    ]
+    output = capsys.readouterr().out
+    assert f"udp {host}:7" in output and (f"ws://{host}:8" in output) == ("network" in output) == bool(ws)
+    assert output.endswith("ended; add 1, tune 1,200\n") == bool(ws) and not output.endswith("ended; \n")
+    assert main(["serve", DEMO, "--tools", "0"]) == 2
+
+
+@pytest.mark.parametrize("unlike", [[], [7]])
+def test_a_replay_is_negative_if_forces_differ(
+    unlike: list[int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Replay(3, 5, np.array(unlike), "why")
+    monkeypatch.setattr("hapscene.loop.session_log.replay_log", lambda path: found)
+    assert main(["play", "--replay", "log"]) == len(unlike)
+    assert capsys.readouterr().out.splitlines() == ["reason of the log: why", str(found)]
 
 
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:
