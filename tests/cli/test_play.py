@@ -3,6 +3,7 @@
 import math
 import os
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from hapscene.cli import main, play
 from hapscene.cli.options import PageOptions
 from hapscene.cli.play import _devices
 from hapscene.compiled.native import INTERPRETED
+from hapscene.device.driver_registry import DeviceChoice
 from hapscene.errors import DeviceError
 from hapscene.loop.session_log import Replay
 from hapscene.play.monitor import pressed_keys
@@ -115,7 +117,8 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp())
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setattr(play, "POLL_S", 0.01)
+    slept = list[float]()
+    monkeypatch.setattr(play, "time", SimpleNamespace(sleep=slept.append, monotonic=time.monotonic))
     servo, monitor = FakeServo(), FakeMonitor()
     shown, notes = list[str](), list[str]()
     monkeypatch.setattr(play, "print_in_place", shown.append)
@@ -132,7 +135,7 @@ def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) ->
 
         play._show_until_end(servo, monitor, keys, noted, Path("logs"), math.inf)  # type: ignore[arg-type]
     assert servo.asked == ["pause", "resume", "recover", "resume"]
-    assert notes == ["logs: key f was pressed", "no home"]
+    assert notes == ["logs: key f was pressed", "no home"] and slept == [play.POLL_S] * 5
     assert len(shown) == 4 and all(len(line) < 80 for line in shown) and "unplugged" in shown[2]
     assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
 
@@ -158,12 +161,12 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
 
     @contextmanager
     def on_page(scene: object, title: str, page: object, kiosk_s: float, **made: object) -> Iterator[object]:
-        found.update(title=title, page=page, kiosk_s=kiosk_s)
+        found.update(made, title=title, page=page, kiosk_s=kiosk_s)
         yield FakeServo()
 
     @contextmanager
     def with_devices(scene: object, devices: object, at: object, **made: object) -> Iterator[object]:
-        found.update(at=at)
+        found.update(made, at=at)
         yield FakeServo()
 
     monkeypatch.setattr(play, "_on_page", on_page)
@@ -172,7 +175,8 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
     for options, given in (
         (["--no-browser"], {"kiosk_s": math.inf, "page": PageOptions(no_browser=True), "seconds": math.inf}),
         (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "page": PageOptions(), "seconds": 3.0}),
-        (["--device", "omni", "--handle", "audio"], {"at": None}),
+        (["--log", "here", "--force", "2"], {"log_folder": "here", "force_N": 2.0, "ring_s": play.LOG_S}),
+        (["--device", "omni", "--handle", "audio"], {"at": None, "handle": DeviceChoice("audio")}),
         (["--device", "omni", "--at", "0", "0", "0.1"], {"at": (0.0, 0.0, 0.1)}),
     ):
         found.clear()
