@@ -1,14 +1,16 @@
-"""Handlers of the signals that end a process, called directly; `tests/nightly/test_interrupt.py` sends signals."""
+"""Handlers of the signals that end a process; `tests/nightly/test_interrupt.py` sends signals to processes."""
 
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from hapscene import interrupt
+from hapscene.cli import main
 from hapscene.interrupt import AGAIN_S, ENDS, interrupt_noted, interrupted_by_ends, reraise_swallowed_interrupt
 
 KINDS = (signal.SIGINT, *ENDS)
@@ -26,6 +28,8 @@ def handle(kind: int) -> None:
 def alarms(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
     """Timers that were set; none of them ends."""
     alarms: list[Any] = []
+    if not hasattr(signal, "setitimer"):
+        pytest.skip("Windows has no timers")
     before = signal.signal(signal.SIGALRM, signal.SIG_DFL)
     monkeypatch.setattr(signal, "setitimer", lambda *given: alarms.append(given[1:]))
     yield alarms
@@ -122,3 +126,26 @@ def test_the_command_handles_ctrl_c_from_its_start_to_its_end(monkeypatch: pytes
     monkeypatch.setattr(os, "_exit", acts.append)
     entry._end(signal.SIGINT, None)
     assert acts[3:] == [2, 130]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has none")
+def test_ignored_signal_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with interrupted_by_ends(), interrupt_noted() as noted:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN and not noted()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_interrupted_command_reports_it_and_exits_with_the_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def end(*arguments: object, **more: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
+    (tmp_path / "any.glb").touch()
+    assert main(["check", str(tmp_path / "any.glb")]) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"

@@ -1,9 +1,9 @@
-"""The processes of a servo: how they are started, asked and ended; by processes and pipes that only note it."""
+"""The processes of a servo: how they are started, asked and ended; by mocks of processes and pipes."""
 
 import signal
-from multiprocessing.reduction import ForkingPickler
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import ANY, MagicMock, call
 
 import numpy as np
 import pytest
@@ -12,177 +12,140 @@ from hapscene.device.driver_registry import DeviceChoice
 from hapscene.errors import HapsceneError
 from hapscene.handle import live_process
 from hapscene.loop import servo_connection
-from hapscene.loop.servo_connection import ANSWER_S, BUILD_S, START_S, ServoConnection
+from hapscene.loop.servo_connection import ANSWER_S, BUILD_S, REPORT_S, START_S, ServoConnection
 from hapscene.loop.servo_process import run
 from hapscene.loop.shared_memory import write_text
 from hapscene.loop.watchdog import watch
 
 if not hasattr(signal, "pthread_sigmask"):
-    pytest.skip("signals of a terminal", allow_module_level=True)
+    pytest.skip("no signals of a terminal on this system", allow_module_level=True)
 
 SIGNALS = {getattr(signal, name) for name in ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGTTIN", "SIGTTOU")}
+CHOICES = [DeviceChoice("pen")]
 
 
-class Noted:
-    """Notes calls. A pipe receives `answers`: an error is raised, None does not arrive. A process ends when it is asked
-    to, unless it is `stuck`."""
+def application(patch: pytest.MonkeyPatch, *answers: Any, force: bool) -> tuple[ServoConnection, Any]:
+    """A servo of a force device and a handle, or of neither, and its system. A process ends when it is joined."""
+    system = MagicMock()
+    system.Pipe.side_effect = [(system.wire, system.far), (system.life, system.dying), (system.watch, system.there)]
+    system.Process.side_effect = [system.servo, system.watchdog]
+    system.wire.recv.side_effect = [(None, "bodies"), (None, {"seed": 3}), *answers]
+    system.servo.pid, system.servo.exitcode, system.Heartbeat.return_value.asked = 5, 3, np.zeros(1, np.int64)
+    for process in (system.servo, system.watchdog):
 
-    pid, exitcode, stuck, runs = 5, 3, False, False
+        def end(*span_s: float, alive: Any = process.is_alive) -> None:
+            alive.return_value = False
 
-    def __init__(self, acts: list[Any], name: str, answers: Any = (), **fields: Any) -> None:
-        self.acts, self.name, self.answers = acts, name, answers
-        self.__dict__.update(fields)
+        def start() -> None:
+            assert signal.pthread_sigmask(signal.SIG_BLOCK, []) >= SIGNALS
 
-    def __getattr__(self, method: str) -> Any:
-        return lambda *given: self.acts.append((self.name, method, *given))
-
-    def poll(self, span_s: float) -> bool:
-        self.acts.append((self.name, "poll", span_s))
-        return self.answers[0] is not None
-
-    def recv(self) -> Any:
-        if isinstance(answer := self.answers.pop(0), type):
-            raise answer
-        return answer
-
-    def send_bytes(self, pickled: Any) -> None:
-        self.acts.append((self.name, ForkingPickler.loads(pickled)))
-
-    def start(self) -> None:
-        self.acts.append((self.name, "start", signal.pthread_sigmask(signal.SIG_BLOCK, []) >= SIGNALS))
-        self.runs = True
-
-    def join(self, span_s: float | None = None) -> None:
-        self.acts.append((self.name, "join", span_s))
-        self.runs = self.runs and self.stuck
-
-    def kill(self) -> None:
-        self.acts.append((self.name, "kill"))
-        self.runs = self.stuck = False
-
-    def is_alive(self) -> bool:
-        return self.runs
+        process.start.side_effect, process.join.side_effect, process.kill.side_effect = start, end, end
+    patch.setattr(servo_connection, "DRIVERS", SimpleNamespace(load=lambda name: SimpleNamespace(force=force)))
+    patch.setattr(servo_connection, "multiprocessing", SimpleNamespace(get_context=lambda kind: system))
+    patch.setattr(servo_connection, "ForkingPickler", SimpleNamespace(dumps=lambda message: message))
+    patch.setattr(servo_connection, "Heartbeat", system.Heartbeat)
+    patch.setattr(live_process, "LiveHandle", system.LiveHandle)
+    more: dict[str, Any] = {"a_rate_Hz": 4e3, "patience_s": 9.0, "progress": system.say, "shape": (5, 4, 3, 2)}
+    return ServoConnection({"made": 1}, CHOICES, DeviceChoice("coil") if force else None, "coil.toml", **more), system
 
 
-class Application:
-    """A servo of a force device and a handle, or of neither."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, *, force: bool, ready: Any = "ready") -> None:
-        self.acts: list[Any] = []
-        self.processes: dict[Any, Noted] = {}
-        self.answers: list[Any] = [(None, "bodies"), (None, {"seed": 3})]
-        ends = iter((("wire", self.answers), ("life", ()), ("watch", [ready])))
-        self.asked = np.zeros(1, np.int64)
-
-        def pipe(duplex: bool = True) -> Any:
-            name, answers = next(ends)
-            assert duplex == (name == "wire")
-            return Noted(self.acts, name, answers), Noted(self.acts, f"other {name}")
-
-        def process(target: Any, args: Any, name: str, daemon: bool) -> Noted:
-            self.acts.append((target, daemon, *(arg.name if isinstance(arg, Noted) else arg for arg in args)))
-            self.processes[target] = Noted(self.acts, name.split()[-1])
-            return self.processes[target]
-
-        def play(*given: Any, **more: Any) -> Noted:
-            self.acts.append(("play", *given, more))
-            return Noted(self.acts, "handle")
-
-        drivers, system = SimpleNamespace(force=force), SimpleNamespace(Pipe=pipe, Process=process)
-        beat = Noted(self.acts, "heartbeat", asked=self.asked)
-        patch.setattr(servo_connection, "DRIVERS", SimpleNamespace(load=lambda name: drivers))
-        patch.setattr(servo_connection, "multiprocessing", SimpleNamespace(get_context=lambda kind: system))
-        patch.setattr(servo_connection, "Heartbeat", lambda counter, patience_s: beat)
-        patch.setattr(live_process, "LiveHandle", play)
-        self.choices, handle = [DeviceChoice("pen")], DeviceChoice("coil", {"side": 1}) if force else None
-        self.said = list[str]()
-        more: dict[str, Any] = {"a_rate_Hz": 4e3, "patience_s": 9.0, "progress": self.said.append}
-        self.servo = ServoConnection({"made": 1}, self.choices, handle, "coil.toml", shape=(5, 4, 3, 2), **more)
+def acts(system: Any) -> list[Any]:
+    """What was done since the last call."""
+    done = [act for act in system.mock_calls if not act[0].endswith(("is_alive", "__bool__"))]
+    system.reset_mock()
+    return done
 
 
-STARTED = [("wire", {"made": 1}), *[("wire", "poll", 5.0), ("wire", "poll", START_S)] * 2]
-STOPPED = [("wire", "send", ("stop", ())), ("servo", "join", ANSWER_S), ("wire", "close")]
+STARTED = [
+    *(call.wire.send_bytes({"made": 1}), call.say("a new process … "), call.wire.poll(REPORT_S)),
+    *(call.wire.poll(START_S), call.wire.recv(), call.say("bodies … "), call.wire.poll(REPORT_S)),
+    *(call.wire.poll(START_S), call.wire.recv(), call.Heartbeat(ANY, 9.0)),
+]
 
 
 def test_a_force_device_has_a_watchdog_and_all_processes_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    app = Application(monkeypatch, force=True)
+    servo, system = application(monkeypatch, (None, 7), ("no such swatch", None), force=True)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    with app.servo as servo:
-        name, numbers = servo._channel.memory.name, {"length": 5, "block": 4, "bodies": 3, "tools": 2}
+    with servo:
+        name, shape = servo._channel.memory.name, {"length": 5, "block": 4, "bodies": 3, "tools": 2}
         assert servo.alive and signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
-        assert app.acts == [
-            *((run, True, "other wire", "other life", name, 5), ("servo", "start", True)),
-            *(("other wire", "close"), ("other life", "close")),
-            *((watch, True, "life", "other watch", name, (5, 4, 3, 2), 5, app.choices), ("watchdog", "start", True)),
-            *(("other watch", "close"), ("watch", "poll", START_S), ("life", "close"), *STARTED),
-            ("play", numbers | {"name": name}, 4e3, 0, 5, "coil", {"side": 1}, {"handle": "coil.toml"}),
+        watched = (system.life, system.there, name, (5, 4, 3, 2), 5, CHOICES)
+        assert acts(system) == [
+            *(call.Pipe(), call.Pipe(duplex=False)),
+            call.Process(target=run, args=(system.far, system.dying, name, 5), name=ANY, daemon=True),
+            *(call.servo.start(), call.far.close(), call.dying.close(), call.Pipe(duplex=False)),
+            call.Process(target=watch, args=watched, name=ANY, daemon=True),
+            *(call.watchdog.start(), call.there.close(), call.watch.poll(START_S), call.watch.recv()),
+            *(call.life.close(), *STARTED),
+            call.LiveHandle(shape | {"name": name}, 4e3, 0, 5, "coil", {}, handle="coil.toml"),
         ]
-        assert app.said == ["a new process … ", "bodies … "] and servo._renderer_arguments == {"seed": 3}
-        del app.acts[:]
-        app.answers += [(None, 7), ("no such swatch", None)]
-        assert servo._order("deform", 2) == 7 and app.asked[0] == 3
+        assert servo._renderer_arguments == {"seed": 3}
+        assert servo._order("deform", 2) == 7 and servo._asked.tolist() == [3]
         with pytest.raises(HapsceneError, match="no such swatch"):
             servo._order("tune")
-        asked = [
-            ("wire", ("deform", (2,))),
-            ("wire", "poll", BUILD_S),
-            ("wire", ("tune", ())),
-            ("wire", "poll", ANSWER_S),
+        assert acts(system) == [
+            *(call.wire.send_bytes(("deform", (2,))), call.wire.poll(BUILD_S), call.wire.recv()),
+            *(call.wire.send_bytes(("tune", ())), call.wire.poll(ANSWER_S), call.wire.recv()),
         ]
-        assert app.acts == asked
-        app.processes[watch].stuck = True
-    ended = [("handle", "close"), ("watchdog", "join", ANSWER_S), ("watchdog", "kill"), ("heartbeat", "stop")]
-    assert app.acts == [*asked, *STOPPED, *ended] and not servo.alive
+        system.watchdog.join.side_effect = None  # it hangs
+    assert acts(system) == [
+        *(call.wire.send(("stop", ())), call.servo.join(ANSWER_S), call.wire.close(), call.LiveHandle().close()),
+        *(call.watchdog.join(ANSWER_S), call.watchdog.kill(), call.Heartbeat().stop()),
+    ]
     servo.close()  # again
-    assert len(app.acts) == len([*asked, *STOPPED, *ended])
+    assert not servo.alive and not acts(system)
 
 
 def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    app = Application(monkeypatch, force=False)
-    with app.servo:
-        assert ("life", "close") not in app.acts and ("other life", "close") in app.acts
-        app.processes[run].stuck = True
-        del app.acts[:]
-    assert app.acts == [*STOPPED[:2], ("servo", "kill"), ("servo", "join", None), STOPPED[2], ("heartbeat", "stop")]
+    servo, system = application(monkeypatch, force=False)
+    with servo:
+        assert call.life.close() not in acts(system)
+        system.servo.join.side_effect = None
+    assert acts(system) == [
+        *(call.wire.send(("stop", ())), call.servo.join(ANSWER_S), call.servo.kill(), call.servo.join()),
+        *(call.wire.close(), call.Heartbeat().stop()),
+    ]
 
 
 @pytest.mark.parametrize(("answer", "code"), [(None, 3), (EOFError, 3), (OSError, -9)])
 def test_an_order_without_an_answer(answer: Any, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    app = Application(monkeypatch, force=code == -9)
-    with app.servo as servo:
-        app.processes[run].exitcode = code
-        app.answers.append(answer)
+    servo, system = application(monkeypatch, answer, force=code == -9)
+    with servo:
+        system.servo.exitcode, system.wire.poll.return_value = code, answer is not None
         with pytest.raises(HapsceneError) as error:
             servo._order("pause")
-        assert (("servo", "kill") in app.acts) == (answer is None) == (f"exit code {code}" not in str(error.value))
+        killed = call.servo.kill() in acts(system)
+        assert killed == (answer is None) == (f"exit code {code}" not in str(error.value))
         assert ("watchdog" in str(error.value)) == (code == -9) and not servo.alive
         with pytest.raises(HapsceneError, match=f"exit code {code}"):
             servo._order("pause")
 
 
 def test_the_fault_before_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    app = Application(monkeypatch, force=True)
-    with app.servo as servo:
+    servo, system = application(monkeypatch, force=True)
+    with servo:
         write_text(servo._channel.fault, "the cable is out")
-        for runs in (True, False):
-            app.processes[run].exitcode, app.processes[run].runs = -9, runs
+        for alive in (True, False):
+            system.servo.exitcode, system.servo.is_alive.return_value = -9, alive
             with pytest.raises(HapsceneError, match="the cable is out"):
                 servo._order("pause")
 
 
-@pytest.mark.parametrize("ready", [None, EOFError])
-def test_no_device_is_driven_without_a_watchdog(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    app = Application(monkeypatch, force=True, ready=ready)
+@pytest.mark.parametrize("silent", [True, False])
+def test_no_device_is_driven_without_a_watchdog(silent: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    servo, system = application(monkeypatch, force=True)
+    system.watch.poll.return_value, system.watch.recv.side_effect = not silent, EOFError
     with pytest.raises(HapsceneError, match="watchdog"):
-        app.servo.__enter__()
-    assert ("servo", "kill") in app.acts and ("wire", "send", ("stop", ())) not in app.acts and not app.servo.alive
+        servo.__enter__()
+    done = acts(system)
+    assert call.servo.kill() in done and call.wire.send(("stop", ())) not in done and not servo.alive
 
 
 def test_a_start_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
-    app = Application(monkeypatch, force=False)
-    app.servo.cancel()
+    servo, system = application(monkeypatch, force=False)
+    servo.cancel()
     with pytest.raises(HapsceneError, match="cancelled"):
-        app.servo.__enter__()
-    assert app.acts[1:3] == [("servo", "start", True), ("servo", "kill")]
+        servo.__enter__()
+    assert acts(system)[3:5] == [call.servo.start(), call.servo.kill()]
     with pytest.raises(HapsceneError, match="once"):
-        app.servo.__enter__()
+        servo.__enter__()
