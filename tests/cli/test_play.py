@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
+from unittest.mock import ANY, MagicMock, call
 
 import numpy as np
 import pytest
@@ -185,117 +186,75 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
         assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in options)
 
 
-class RunningServo(FakeServo):
-    """Notes how it is made and used."""
-
-    handle: ClassVar = {"latency_s": 0.02}
-
-    def __init__(self, acts: list[Any], scene: object, devices: object, **made: object) -> None:
-        super().__init__()
-        self.acts, self.start, self.turn_handle = acts, acts.append, acts.append
-        acts.append((scene, devices, made))
-
-    def handle_report(self) -> dict[str, float]:
-        return self.handle
-
-    def __enter__(self) -> "RunningServo":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.acts.append("ended")
-
-
 @pytest.fixture
-def acts(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    acts = list[Any]()
-    monkeypatch.setattr("hapscene.loop.Servo", lambda *given, **made: RunningServo(acts, *given, **made))
-    monkeypatch.setattr("webbrowser.open", acts.append)
+def system(monkeypatch: pytest.MonkeyPatch) -> MagicMock:
+    """Notes what is opened, used and closed."""
+    system = MagicMock()
+    bridge = ("orders.Orders", "server.BridgeServer", "websocket.WebSocketBridge")
+    places = ("loop.Servo", "play.page_server.PageServer", *(f"bridge.{place}" for place in bridge))
+    for place in places:
+        made = getattr(system, place.rpartition(".")[2])
+        made.return_value.__enter__.return_value = made.return_value
+        monkeypatch.setattr(f"hapscene.{place}", made)
+    monkeypatch.setattr("webbrowser.open", system.browse)
     monkeypatch.setattr(play, "middle_of_top", lambda scene: (0.0, 0.0, 9.0))
-    return acts
+    monkeypatch.setattr(play, "load_input", lambda *given: "scene")
+    return system
+
+
+def acts(system: MagicMock) -> list[Any]:
+    return [act[0] if act[0].endswith("__") else act for act in system.mock_calls]
 
 
 @pytest.mark.parametrize("shown", [True, False])
 def test_a_page_is_shown_and_then_the_servo_starts(
-    shown: bool, acts: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shown: bool, system: MagicMock, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = SimpleNamespace(url="http://x", public=shown, devices=["a", "b"], tools=2)
-    page.attach = lambda servo: acts.append("attached")
-
-    @contextmanager
-    def serve(scene: object, **made: object) -> Iterator[Any]:
-        acts.append(made)
-        yield page
-
-    monkeypatch.setattr("hapscene.play.page_server.PageServer", serve)
-    monkeypatch.setattr(RunningServo, "handle", {"latency_s": 0.02} if shown else {})
-    options, given = PageOptions(no_browser=not shown), {"host": "127.0.0.1", "port": 0}
-    scene: Any = "scene"
-    with play._on_page(scene, "title", options, 60.0, force_N=1.0):
+    page, servo, scene = system.PageServer(), system.Servo(), system.scene
+    page.url, page.public, page.devices, page.tools = "http://x", shown, ["a", "b"], 2
+    servo.handle_report.return_value = {"latency_s": 0.02} if shown else {}
+    system.reset_mock()
+    with play._on_page(scene, "title", PageOptions(no_browser=not shown), 60.0, force_N=1.0):
         if shown:
             page.sound(True, 0.5)
             page.sound(False, 0.5)
-    assert acts == [
-        given | {"tools": 2, "title": "title", "kiosk_s": 60.0},
-        *(["http://x"] if shown else []),
-        *(("scene", ["a", "b"], {"force_N": 1.0}), [(0.0, 0.0, 0.0)] * 2),
-        *([0.0, "attached", 0.5, 0.0] if shown else ["attached"]),
-        "ended",
+    turned = call.Servo().turn_handle
+    assert [act for act in acts(system) if act != call.Servo().handle_report()] == [
+        call.PageServer(scene, tools=2, title="title", host="127.0.0.1", port=0, kiosk_s=60.0),
+        *("PageServer().__enter__", *([call.browse("http://x")] if shown else [])),
+        *(call.Servo(scene, ["a", "b"], force_N=1.0), "Servo().__enter__"),
+        *(call.Servo().start([(0.0, 0.0, 0.0)] * 2), *([turned(0.0)] if shown else [])),
+        *(call.PageServer().attach(servo), *([turned(0.5), turned(0.0)] if shown else [])),
+        *("Servo().__exit__", "PageServer().__exit__"),
     ]
     output = capsys.readouterr().out
     assert "http://x" in output and ("network" in output) == shown
 
 
 @pytest.mark.parametrize("at", [(1.0, 2.0, 3.0), None])
-def test_devices_start_at_a_place_or_at_the_top(at: Any, acts: list[Any]) -> None:
-    scene: Any = "scene"
-    with play._with_devices(scene, ["omni", "omni"], at, ring_s=3.0):
-        assert acts == [("scene", ["omni", "omni"], {"ring_s": 3.0}), [at or (0.0, 0.0, 9.0)] * 2]
-    assert acts[2:] == ["ended"]
+def test_devices_start_at_a_place_or_at_the_top(at: Any, system: MagicMock) -> None:
+    with play._with_devices(system.scene, ["omni", "omni"], at, ring_s=3.0):
+        assert acts(system) == [
+            *(call.Servo(system.scene, ["omni", "omni"], ring_s=3.0), "Servo().__enter__"),
+            call.Servo().start([at or (0.0, 0.0, 9.0)] * 2),
+        ]
 
 
 @pytest.mark.parametrize(("host", "ws"), [("127.0.0.1", None), ("10.0.0.1", 5)])
 def test_serve_opens_its_ports_and_reports_what_came(
-    host: str, ws: int | None, acts: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    host: str, ws: int | None, system: MagicMock, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def note(kind: str) -> Any:
-        @contextmanager
-        def entered(of: object, *given: object) -> Iterator[Any]:
-            acts.append((kind, *given))
-            yield SimpleNamespace(address=(host, 7), serve=lambda noted: acts.append(noted()))
-
-        return entered
-
-    class Orders:
-        counts = {"tune": 1200, "add": 1} if ws else {}
-
-        def __init__(self, servo: object) -> None: ...
-
-        def __enter__(self) -> None:
-            acts.append("orders")
-
-        def __exit__(self, *error: object) -> None: ...
-
-    class WebSocket:
-        address = (host, 8)
-
-        def __init__(self, server: object, *given: object) -> None:
-            acts.append(given)
-
-        def __enter__(self) -> None:
-            acts.append("web")
-
-        def __exit__(self, *error: object) -> None: ...
-
-    monkeypatch.setattr("hapscene.bridge.orders.Orders", Orders)
-    monkeypatch.setattr("hapscene.bridge.server.BridgeServer", note("udp"))
-    monkeypatch.setattr("hapscene.bridge.websocket.WebSocketBridge", WebSocket)
-    monkeypatch.setattr(play, "load_input", lambda *given: "scene")
+    server, orders, servo = system.BridgeServer(), system.Orders(), system.Servo()
+    server.address, system.WebSocketBridge().address = (host, 7), (host, 8)
+    orders.counts = {"tune": 1200, "add": 1} if ws else {}
+    system.reset_mock()
     assert main(["serve", DEMO, "--host", host, "--tools", "2", *([] if ws is None else ["--ws", str(ws)])]) == 0
-    made = {"progress": play.print_progress, "tip_radius_m": 0.0}
-    web = [(host, ws)] if ws else []
-    assert acts == [
-        *(("scene", ["omni"] * 2, made), ("udp", host, play.PORT), *web, "orders", *(["web"] if ws else [])),
-        *(False, "ended"),
+    assert acts(system)[: -3 - bool(ws)] == [
+        call.Servo("scene", ["omni"] * 2, progress=play.print_progress, tip_radius_m=0.0),
+        *(call.Orders(servo), call.BridgeServer(orders, host, play.PORT), "BridgeServer().__enter__"),
+        *([call.WebSocketBridge(server, host, ws)] if ws else []),
+        *("Servo().__enter__", "Orders().__enter__"),
+        *(*(["WebSocketBridge().__enter__"] if ws else []), call.BridgeServer().serve(ANY)),
     ]
     output = capsys.readouterr().out
     assert f"udp {host}:7" in output and (f"ws://{host}:8" in output) == ("network" in output) == bool(ws)
