@@ -3,10 +3,10 @@
 import os
 import signal
 import warnings
-import weakref
-from collections.abc import Callable
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import ANY, MagicMock, call
 
 import numpy as np
 import pytest
@@ -48,111 +48,81 @@ def test_error_of_the_process_is_one_line(capfd: pytest.CaptureFixture[str]) -> 
     assert "Traceback" not in capfd.readouterr().err
 
 
-class Twin:
-    """Can be referred to weakly."""
-
-    renderer = SimpleNamespace(block=4)
+# The main function of the process, without devices, loop and memory.
 
 
 @pytest.fixture
-def acts(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What the process does, in order; without devices, loop and memory. Looks at the wire find nothing, then the end
-    of the watchdog, then an order."""
-    acts: list[Any] = []
-
-    def note(*words: Any, result: Any = None) -> Callable[..., Any]:
-        return lambda *given, **more: (acts.append((*words, *given, *more.values())), result)[1]
-
-    device = SimpleNamespace(close=note("close device"), state=None)
-    views = weakref.WeakSet[Any]()  # twins, which hold views of the memory
-    memory = SimpleNamespace(close=lambda unlink: acts.append(("close memory", unlink, len(views))))
-    names = ("end", "check_devices", "write_faults", "write_log")
-    handler = SimpleNamespace(made={"seed": 3}, connections=[device], **{name: note(name) for name in names})
-    handler.answer = lambda order, arguments: (None, (order, *arguments))
-    found = iter((slice(0), slice(1, 2)))
-
-    def open_twins(made: dict[str, Any], opened: list[Any]) -> list[Any]:
-        opened.append(device)
-        acts.append(made.pop("settings"))
-        if isinstance(acts[-1], Exception):
-            raise acts[-1]
-        twins = [Twin()]
-        views.update(twins)
-        return twins
-
-    def look(ends: list[Any], span_s: float) -> list[Any]:
-        acts.append((len(ends), span_s))
-        return ends[next(found, slice(1))]
-
-    monkeypatch.setattr(servo_process, "ready_among", look)
-    monkeypatch.setattr(servo_process, "open_twins", open_twins)
-    monkeypatch.setattr(servo_process, "open_channel", note("memory", result=memory))
-    monkeypatch.setattr(servo_process, "settings_of", lambda renderers, settings: (len(renderers), settings))
-    monkeypatch.setattr(servo_process, "OrderHandler", lambda scene, *given: (acts.append(given[2:]), handler)[1])
-    monkeypatch.setattr(signal, "signal", note())
+def system(monkeypatch: pytest.MonkeyPatch) -> MagicMock:
+    """Notes all. The wire is looked at: nothing, then the watchdog ends, then there are orders."""
+    system, scene = MagicMock(), SimpleNamespace(bodies=[SimpleNamespace(mesh=SimpleNamespace(faces=[0] * 12))] * 2)
+    names = ("ready_among", "open_twins", "open_channel", "settings_of", "OrderHandler")
+    for name in names:
+        monkeypatch.setattr(servo_process, name, getattr(system, name))
+    monkeypatch.setattr(signal, "signal", system.signal)
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
-    return acts
+    system.made = {"scene": scene, "bodies": 9, "log_folder": "logs", "settings": "strong"}
+    system.ready_among.side_effect = [[], [system.life], [system.wire], [system.wire]]
+    system.open_twins.side_effect = lambda made, opened: (opened.append(system.device), [system.twin])[1]
+    system.twin.renderer.block, system.OrderHandler.return_value.made = 4, {"seed": 3}
+    system.OrderHandler.return_value.connections = [system.device]
+    return system
 
 
-def run_with(acts: list[Any], *orders: Any, settings: Any = "strong", deaf: bool = False) -> None:
-    """Run the process with these orders; a type of error is raised instead."""
-    bodies = [SimpleNamespace(mesh=SimpleNamespace(faces=[0] * 12))] * 2
-    made = {"scene": SimpleNamespace(bodies=bodies), "bodies": 9, "log_folder": "logs", "settings": settings}
-    waiting = iter([made, *orders])
-
-    def recv() -> Any:
-        order = next(waiting)
-        if isinstance(order, type):
-            raise order
-        return order
-
-    def send(message: Any) -> None:
-        error, result = message
-        acts.append(("stage", "24" in result) if isinstance(result, str) else (error, result))
-
-    def live(message: object) -> None:
-        acts.append("closed")
-        if deaf:
-            raise BrokenPipeError
-
-    wire: Any = SimpleNamespace(recv=recv, send=send)
-    servo_process.run(wire, SimpleNamespace(send=live), "name", 100)  # type: ignore[arg-type]
+def run_with(system: MagicMock, *orders: Any) -> list[Any]:
+    """Run the process with these orders; a type of error is raised instead. Return what it did."""
+    system.wire.recv.side_effect = [system.made, *orders]
+    servo_process.run(system.wire, system.life, "name", 100)
+    (_, twins, *given), _ = system.OrderHandler.call_args
+    assert twins == [] and given == [system.open_channel(), "logs", system.settings_of()]  # no views are left
+    return [act for act in system.mock_calls if not act[0].endswith(("Handler", "_of", "recv", "__"))][:-1]
 
 
-BEGUN = [
-    *((signal.SIGTERM, servo_process._end), ("stage", True), "strong", ("memory", 100, 4, "name", 9, 1)),
-    *(("stage", False), ("logs", (1, None)), (None, {"seed": 3})),
-]
-ENDED = [("end",), ("close device",), "closed"]
-LOOKS = [(2, 0.1), ("check_devices", True), (2, 0.1), ("check_devices", False), (1, 0.1)]
+HANDLER = call.OrderHandler()
 
 
-def test_the_process_answers_orders_and_then_closes_all(acts: list[Any]) -> None:
-    run_with(acts, ("tune", ("wood", 1)), ("stop", ()))
-    assert acts == [
-        *(*BEGUN, *LOOKS, (None, ("tune", "wood", 1)), (1, 0.1), *ENDED),
-        *(("write_faults",), ("close memory", False, 0)),
+def test_the_process_answers_orders_and_then_closes_all(system: MagicMock) -> None:
+    wire, life, made = system.wire, system.life, system.made
+    assert run_with(system, ("tune", ("wood", 1)), ("stop", ())) == [
+        *(call.signal(signal.SIGTERM, servo_process._end), call.wire.send((None, ANY))),
+        *(call.open_twins(made, [system.device]), call.open_channel(100, 4, "name", bodies=9, tools=1)),
+        *(call.wire.send((None, ANY)), call.wire.send((None, {"seed": 3}))),
+        *(call.ready_among([wire, life], 0.1), HANDLER.check_devices(True)),
+        *(call.ready_among([wire, life], 0.1), HANDLER.check_devices(False), call.ready_among([wire], 0.1)),
+        *(HANDLER.answer("tune", ("wood", 1)), call.wire.send(ANY), call.ready_among([wire], 0.1)),
+        *(HANDLER.end(), call.device.close(), call.life.send(None), HANDLER.write_faults()),
+        call.open_channel().close(unlink=False),
     ]
+    assert "24" in wire.send.call_args_list[0][0][0][1] and made == {"scene": made["scene"], "settings": "strong"}
 
 
 @pytest.mark.parametrize("error", [EOFError, OSError, KeyboardInterrupt])
-def test_the_end_of_the_application_is_logged(acts: list[Any], error: type) -> None:
+def test_the_end_of_the_application_is_logged(system: MagicMock, error: type) -> None:
     """An interrupted process may still write a force: it does not say that its devices are closed."""
-    run_with(acts, error, deaf=True)
-    ended = ENDED[: 2 if error is KeyboardInterrupt else 3]
-    logged = ("write_log", "the application has ended")
-    assert acts == [*BEGUN, *LOOKS, *ended, ("write_faults",), logged, ("close memory", False, 0)]
+    system.life.send.side_effect = BrokenPipeError
+    done = run_with(system, error)
+    assert done[done.index(HANDLER.end()) :] == [
+        *(HANDLER.end(), call.device.close(), *([] if error is KeyboardInterrupt else [call.life.send(None)])),
+        *(HANDLER.write_faults(), HANDLER.write_log("the application has ended")),
+        call.open_channel().close(unlink=False),
+    ]
 
 
-def test_a_start_that_fails_is_answered(acts: list[Any]) -> None:
-    run_with(acts, settings=HapsceneError("too far"))
-    assert acts[-3:] == [("too far", None), ("close device",), "closed"]
-    with pytest.raises(ZeroDivisionError):
-        run_with(acts, settings=ZeroDivisionError())
-    assert "ZeroDivisionError" in acts[-3][0] and acts[-2:] == [("close device",), "closed"]
+@pytest.mark.parametrize("error", [HapsceneError, ZeroDivisionError])
+def test_a_start_that_fails_is_answered(system: MagicMock, error: type[Exception]) -> None:
+    system.settings_of.side_effect = error("too far")
+    system.wire.recv.side_effect = [system.made]
+    with pytest.raises(ZeroDivisionError) if error is ZeroDivisionError else nullcontext():
+        servo_process.run(system.wire, system.life, "name", 100)
+    ((answer, none),) = system.wire.send.call_args[0]
+    assert none is None and ("Traceback" in answer) == (answer != "too far") == (error is ZeroDivisionError)
+    assert system.mock_calls[-3:] == [
+        call.device.close(),
+        call.life.send(None),
+        call.open_channel().close(unlink=False),
+    ]
 
 
-def test_a_second_sigterm_has_no_effect(acts: list[Any]) -> None:
+def test_a_second_sigterm_has_no_effect(system: MagicMock) -> None:
     with pytest.raises(KeyboardInterrupt):
         servo_process._end(signal.SIGTERM, None)
-    assert acts == [(signal.SIGTERM, signal.SIG_IGN)]
+    assert system.mock_calls == [call.signal(signal.SIGTERM, signal.SIG_IGN)]
