@@ -121,7 +121,7 @@ def test_an_order_without_an_answer(answer: Any, code: int, monkeypatch: pytest.
             servo._order("pause")
 
 
-def test_the_fault_before_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_fault_before_the_end_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     servo, system = application(monkeypatch, force=True)
     with servo:
         write_text(servo._channel.fault, "the cable is out")

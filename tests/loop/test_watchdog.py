@@ -247,7 +247,7 @@ def test_device_that_does_not_answer_does_not_delay_others() -> None:
     [
         (["pen"], True, ["zero 0"]),
         (["stops", "prepared"], True, ["zero 1"]),
-        (["holds"], True, []),
+        *(([kind], True, []) for kind in ("holds", "slow", "held")),
         (["prepared", "holds"], True, []),  # the one cannot be set to zero while the servo has it
         (["prepared", "holds"], False, ["zero 1", "kill 7", "release 2"]),
     ],
@@ -259,6 +259,7 @@ def test_servo_goes_on_only_if_all_devices_lose_their_force(
     device = {"force": True, "release": print, "watchdog_s": 1.0, "prepare_release": None, "imports": ("no_module",)}
     device["read_options"] = dict
     more = {"pen": {"force": False}, "stops": {"release": None, "watchdog_s": 0.9 * BUSY_S}, "holds": {}}
+    more |= {"slow": {"release": None, "watchdog_s": BUSY_S}, "held": {"watchdog_s": 0.9 * BUSY_S}}
     more["prepared"] = {"prepare_release": lambda: lambda: zeros.append(1)}
 
     def note(name: str) -> Callable[..., None]:
