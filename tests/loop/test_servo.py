@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -387,15 +386,6 @@ def test_age_of_the_state_grows_while_paused(servo: VirtualServo) -> None:
         assert after.tick == before.tick and after.age_s == pytest.approx(before.age_s + 0.05)
         assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)
         servo.pause()
-
-
-def test_stages_of_the_start_are_reported() -> None:
-    said = list[str]()
-    polls, messages = iter([True, True, False, False, True, True]), iter([(None, "bodies"), (None, {"seed": 0})])
-    servo = Servo(make_scene(), MASS, progress=said.append)
-    servo._wire = SimpleNamespace(poll=lambda timeout_s: next(polls), recv=lambda: next(messages))
-    assert servo._started() == {"seed": 0}
-    assert said == ["a new process … ", "bodies … ", "5 s … ", "10 s … "]
 
 
 def test_invalid_scene_is_rejected_at_the_start() -> None:

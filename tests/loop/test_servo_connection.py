@@ -1,6 +1,7 @@
 """The processes of a servo: how they are started, asked and ended; by mocks of processes and pipes."""
 
 import signal
+from itertools import chain, repeat
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import ANY, MagicMock, call
@@ -56,15 +57,9 @@ def acts(system: Any) -> list[Any]:
     return done
 
 
-STARTED = [
-    *(call.wire.send_bytes({"made": 1}), call.say("a new process … "), call.wire.poll(REPORT_S)),
-    *(call.wire.poll(START_S), call.wire.recv(), call.say("bodies … "), call.wire.poll(REPORT_S)),
-    *(call.wire.poll(START_S), call.wire.recv(), call.Heartbeat(ANY, 9.0)),
-]
-
-
 def test_a_force_device_has_a_watchdog_and_all_processes_end(monkeypatch: pytest.MonkeyPatch) -> None:
     servo, system = application(monkeypatch, (None, 7), ("no such swatch", None), force=True)
+    system.wire.poll.side_effect = chain((True, True, False), repeat(True))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     with servo:
         name, shape = servo._channel.memory.name, {"length": 5, "block": 4, "bodies": 3, "tools": 2}
@@ -76,7 +71,10 @@ def test_a_force_device_has_a_watchdog_and_all_processes_end(monkeypatch: pytest
             *(call.servo.start(), call.far.close(), call.dying.close(), call.Pipe(duplex=False)),
             call.Process(target=watch, args=watched, name=ANY, daemon=True),
             *(call.watchdog.start(), call.there.close(), call.watch.poll(START_S), call.watch.recv()),
-            *(call.life.close(), *STARTED),
+            *(call.life.close(), call.wire.send_bytes({"made": 1}), call.say("a new process … ")),
+            *(call.wire.poll(REPORT_S), call.wire.poll(START_S), call.wire.recv(), call.say("bodies … ")),
+            *(call.wire.poll(REPORT_S), call.say("5 s … "), call.wire.poll(REPORT_S)),
+            *(call.wire.poll(START_S - REPORT_S), call.wire.recv(), call.Heartbeat(ANY, 9.0)),
             call.LiveHandle(shape | {"name": name}, 4e3, 0, 5, "coil", {}, handle="coil.toml"),
         ]
         assert servo._renderer_arguments == {"seed": 3}
