@@ -2,6 +2,8 @@
 
 import warnings
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,6 +70,7 @@ def test_tune_while_running(servo: VirtualServo) -> None:
     servo.until(lambda: servo.state().touching)
     servo.advance(500)  # equilibrium with the spring
     before = servo.state()
+    assert servo.contact() is not None
     servo.tune("wood", stiffness_N_m=100.0)
     servo.until(lambda: servo.state().depth_m > 1.2 * before.depth_m)
 
@@ -412,7 +415,7 @@ def test_servo_not_entered_rejects_calls(name: str) -> None:
 
 def test_age_before_the_first_tick_is_infinite() -> None:
     with VirtualServo(make_scene(), MASS) as servo:
-        assert servo.state().tick == -1 and servo.state().age_s == np.inf
+        assert servo.state().tick == -1 and servo.state().age_s == np.inf and servo.contact() is None
         with pytest.raises(HapsceneError, match="entered"):
             servo.__enter__()
         assert servo.alive
@@ -434,7 +437,28 @@ def test_interrupted_target_does_not_block_the_next(servo: VirtualServo) -> None
     servo.until(lambda: servo.state().touching)
 
 
-@pytest.mark.parametrize("tick_s", [0.0, -1.0, np.nan, np.inf])
-def test_invalid_period_is_rejected(tick_s: float) -> None:
-    with pytest.raises(HapsceneError, match="tick_s"):
-        Servo(make_scene(), MASS, tick_s=tick_s)
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("tick_s", (0.0, -1.0, np.nan, np.inf)),
+        ("patience_s", (0.0, np.nan)),
+        ("ring_s", (0.0, np.nan, np.inf)),
+        ("device", ([], "onmi")),
+    ],
+)
+def test_invalid_arguments_are_rejected(name: str, values: tuple[Any, ...]) -> None:
+    for value in values:
+        with pytest.raises(HapsceneError, match=name):
+            Servo(make_scene(), **{"device": MASS, name: value})
+
+
+def test_a_real_handle_is_asked_and_turned(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(HapsceneError, match="falcon"):  # it plays nothing
+        Servo(make_scene(), MASS, handle="falcon")
+    servo.turn_handle(0.5)
+    assert servo.handle_report() == {}
+    volumes = list[float]()
+    played = SimpleNamespace(update_report=lambda: {"latency_s": 0.02}, set_volume=volumes.append)
+    monkeypatch.setattr(servo, "_played", played)
+    servo.turn_handle(0.5)
+    assert servo.handle_report() == {"latency_s": 0.02} and volumes == [0.5]

@@ -4,7 +4,9 @@ import json
 import os
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,6 +77,13 @@ def test_changed_force_is_detected_at_its_tick(log_folder: Path) -> None:
     assert log.replay().unlike.tolist() == [log.first + at]
 
 
+@pytest.mark.parametrize("limits", ["x", [], ["x"], [{"reach_m": 1.0}]])
+def test_limits_of_a_log_are_checked(log_folder: Path, limits: Any) -> None:
+    log = SessionLog.load(log_folder)
+    with pytest.raises(HapsceneError, match="limits"):
+        replace(log, made={**log.made, "limits": limits}).replay()
+
+
 def test_checkpoint_of_another_scene_is_refused(log_folder: Path) -> None:
     renderer, memory = hapscene.Renderer(make_scene(), ["wall"]), SessionLog.load(log_folder).memory
     with pytest.raises(HapsceneError, match="the checkpoint has"):
@@ -123,7 +132,9 @@ def test_repeated_orders_are_merged() -> None:
     assert tuned[1:] == [("tune", "wood", {"stiffness_N_m": 999.0})]
 
 
-@pytest.mark.parametrize("damage", ["elsewhere", "gone", "no numbers", "later", "cut", "pickle"])
+@pytest.mark.parametrize(
+    "damage", ["elsewhere", "tuned", "made", "first", "gone", "no numbers", "later", "cut", "pickle"]
+)
 def test_invalid_log_is_rejected_in_one_line(log_folder: Path, damage: str, tmp_path: Path) -> None:
     folder = tmp_path / "bad"
     folder.mkdir()
@@ -138,6 +149,8 @@ def test_invalid_log_is_rejected_in_one_line(log_folder: Path, damage: str, tmp_
             (folder / NUMBERS_FILE).unlink()
         case "later":
             (folder / STORY_FILE).write_text(json.dumps(story | {"version": 99}))
+        case "tuned" | "made" | "first":
+            (folder / STORY_FILE).write_text(json.dumps(story | {damage: "x"}))
         case "elsewhere":
             (folder / STORY_FILE).write_text(json.dumps(story | {"memory_tick": -7}))
         case "cut":
