@@ -105,16 +105,18 @@ def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) 
     ]
 
 
-@pytest.mark.parametrize(("answer", "code"), [(None, 3), (EOFError, 3), (OSError, -9)])
-def test_an_order_without_an_answer(answer: Any, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    servo, system = application(monkeypatch, answer, force=code == -9)
+@pytest.mark.parametrize(
+    ("answer", "code", "force"), [(None, 3, False), (EOFError, 3, True), (EOFError, -9, False), (OSError, -9, True)]
+)
+def test_an_order_without_an_answer(answer: Any, code: int, force: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    servo, system = application(monkeypatch, answer, force=force)
     with servo:
         system.servo.exitcode, system.wire.poll.return_value = code, answer is not None
         with pytest.raises(HapsceneError) as error:
             servo._order("pause")
         killed = call.servo.kill() in acts(system)
         assert killed == (answer is None) == (f"exit code {code}" not in str(error.value))
-        assert ("watchdog" in str(error.value)) == (code == -9) and not servo.alive
+        assert ("watchdog" in str(error.value)) == (code == -9 and force) and not servo.alive
         with pytest.raises(HapsceneError, match=f"exit code {code}"):
             servo._order("pause")
 
@@ -145,5 +147,14 @@ def test_a_start_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(HapsceneError, match="cancelled"):
         servo.__enter__()
     assert acts(system)[3:5] == [call.servo.start(), call.servo.kill()]
+    servo.cancel()
+    assert acts(system) == [call.servo.kill()]
     with pytest.raises(HapsceneError, match="once"):
+        servo.__enter__()
+
+
+def test_a_servo_that_starts_rejects_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    servo, system = application(monkeypatch, force=False)
+    system.Pipe.side_effect = lambda: servo._channel  # as another thread does
+    with pytest.raises(HapsceneError, match="context"):
         servo.__enter__()
