@@ -2,6 +2,7 @@
 
 import signal
 from itertools import chain, repeat
+from multiprocessing.shared_memory import SharedMemory
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import ANY, MagicMock, call
@@ -64,6 +65,8 @@ def test_a_force_device_has_a_watchdog_and_all_processes_end(monkeypatch: pytest
     with servo:
         name, shape = servo._channel.memory.name, {"length": 5, "block": 4, "bodies": 3, "tools": 2}
         assert servo.alive and signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+        with pytest.raises(FileNotFoundError):
+            SharedMemory(name)  # only the processes have it
         watched = (system.life, system.there, name, (5, 4, 3, 2), 5, CHOICES)
         assert acts(system) == [
             *(call.Pipe(), call.Pipe(duplex=False)),
@@ -91,6 +94,8 @@ def test_a_force_device_has_a_watchdog_and_all_processes_end(monkeypatch: pytest
         *(call.watchdog.join(ANSWER_S), call.watchdog.kill(), call.Heartbeat().stop()),
     ]
     servo.close()  # again
+    with pytest.raises(RuntimeError):
+        servo._lane.submit(print)
     assert not servo.alive and not acts(system)
 
 
@@ -146,7 +151,7 @@ def test_a_start_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
     servo.cancel()
     with pytest.raises(HapsceneError, match="cancelled"):
         servo.__enter__()
-    assert acts(system)[3:5] == [call.servo.start(), call.servo.kill()]
+    assert acts(system)[3:] == [call.servo.start(), *(call.servo.kill(), call.servo.join(), call.wire.close())]
     servo.cancel()
     assert acts(system) == [call.servo.kill()]
     with pytest.raises(HapsceneError, match="once"):
