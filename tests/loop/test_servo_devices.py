@@ -179,10 +179,14 @@ def test_servo_without_watchdog_ends_the_force(plate: Scene) -> None:
     with VirtualServo(plate, choose("simulated")) as servo:
         servo.start((0.0, 0.0, 0.05))
         servo.advance(10)
-        state = servo.handler.connections[0].state
+        device, sent_N = servo.handler.connections[0], list[float]()
+        state = device.state
+        device.write = lambda: sent_N.append(float(state.f_D_N[0, 2]))  # type: ignore[method-assign]
+        servo.advance(3)
         state.f_D_N = 1.0
         servo.handler.check_devices(watched=False)
         assert not state.f_D_N.any() and servo.mode == "error"
+        assert len(sent_N) == 4 and sent_N[-1] == 0.0
         with pytest.raises(DeviceError, match="watchdog"):
             servo.state()
 
