@@ -305,7 +305,7 @@ class Servo(ServoConnection):
         if p.size != 3 or push.size != 3:
             raise PathError(f"p_WT and push_W_N must be three numbers each; they have {p.size} and {push.size}")
         p, push = p.reshape(3), push.reshape(3)
-        if not max(np.abs(p).max(), np.abs(push).max()) <= REACH_MAX_M:  # also False for NaN
+        if not np.abs((p, push)).max() <= REACH_MAX_M:  # also False for NaN
             positions(np.array([p, push]))  # raises the error
         row = held.row()
         _ = self._channel  # raises if no process runs
@@ -417,7 +417,7 @@ class Servo(ServoConnection):
 
         Events are available for the last `ring_s` seconds.
         """
-        log = self.read(max(_tick_number(since) - 1, 0), tool=tool)  # including the tick before, to detect changes
+        log = self.read(_tick_number(since) - 1, tool=tool)  # including the tick before, to detect changes
         swatch_names = [swatch.name for swatch in self.scene.swatches]
         return events_of(log.rows, log.first, since, self.body_names, swatch_names), log.first + len(log.rows)
 
@@ -587,7 +587,7 @@ class Servo(ServoConnection):
         shared = self._channel
         done = int(shared.channel[0].done)
         first = max(_tick_number(since), done - self._length, 0)
-        slots = np.arange(first, max(done, first)) % self._length
+        slots = np.arange(first, done) % self._length
         number = self._number(tool)
         taken = [part[number, slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # overwritten meanwhile

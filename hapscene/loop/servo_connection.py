@@ -124,7 +124,6 @@ class ServoConnection:
             process.start()
         self._process = process
         if self._cancelled:
-            process.kill()
             raise HapsceneError("the start of the servo was cancelled")
         theirs.close()
         dying.close()

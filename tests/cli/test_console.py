@@ -12,6 +12,7 @@ from hapscene.cli.console import (
     print_note,
     print_progress,
     ready_streams,
+    table,
 )
 
 
@@ -35,6 +36,10 @@ def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str], monk
 def test_sizes_have_three_digits() -> None:
     sizes = [format_size(size_B) for size_B in (0, 684, 999.6, 12_345, 65_500_000, 2.5e9)]
     assert sizes == ["0 B", "684 B", "1 kB", "12.3 kB", "65.5 MB", "2.5 GB"]
+
+
+def test_columns_of_a_table_are_aligned() -> None:
+    assert table([("a", "bb", "c"), ("long", "b", "")]) == ["a     bb  c", "long  b"]
 
 
 def test_a_note_waits_for_the_end_of_the_line(capsys: pytest.CaptureFixture[str]) -> None:

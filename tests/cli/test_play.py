@@ -3,17 +3,24 @@
 import math
 import os
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import ANY, MagicMock, call
 
+import numpy as np
 import pytest
 
 from hapscene.cli import main, play
 from hapscene.cli.options import PageOptions
 from hapscene.cli.play import _devices
 from hapscene.compiled.native import INTERPRETED
+from hapscene.device.driver_registry import DeviceChoice
 from hapscene.errors import DeviceError
+from hapscene.loop.session_log import Replay
 from hapscene.play.monitor import pressed_keys
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,7 +118,8 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp())
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setattr(play, "POLL_S", 0.01)
+    slept = list[float]()
+    monkeypatch.setattr(play, "time", SimpleNamespace(sleep=slept.append, monotonic=time.monotonic))
     servo, monitor = FakeServo(), FakeMonitor()
     shown, notes = list[str](), list[str]()
     monkeypatch.setattr(play, "print_in_place", shown.append)
@@ -128,7 +136,7 @@ def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) ->
 
         play._show_until_end(servo, monitor, keys, noted, Path("logs"), math.inf)  # type: ignore[arg-type]
     assert servo.asked == ["pause", "resume", "recover", "resume"]
-    assert notes == ["logs: key f was pressed", "no home"]
+    assert notes == ["logs: key f was pressed", "no home"] and slept == [play.POLL_S] * 5
     assert len(shown) == 4 and all(len(line) < 80 for line in shown) and "unplugged" in shown[2]
     assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
 
@@ -154,12 +162,12 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
 
     @contextmanager
     def on_page(scene: object, title: str, page: object, kiosk_s: float, **made: object) -> Iterator[object]:
-        found.update(title=title, page=page, kiosk_s=kiosk_s)
+        found.update(made, title=title, page=page, kiosk_s=kiosk_s)
         yield FakeServo()
 
     @contextmanager
     def with_devices(scene: object, devices: object, at: object, **made: object) -> Iterator[object]:
-        found.update(at=at)
+        found.update(made, at=at)
         yield FakeServo()
 
     monkeypatch.setattr(play, "_on_page", on_page)
@@ -168,13 +176,100 @@ def test_play_on_the_page_or_with_a_device(monkeypatch: pytest.MonkeyPatch, caps
     for options, given in (
         (["--no-browser"], {"kiosk_s": math.inf, "page": PageOptions(no_browser=True), "seconds": math.inf}),
         (["--kiosk", "--seconds", "3"], {"kiosk_s": play.KIOSK_S, "page": PageOptions(), "seconds": 3.0}),
-        (["--device", "omni", "--handle", "audio"], {"at": None}),
+        (["--log", "here", "--force", "2"], {"log_folder": "here", "force_N": 2.0, "ring_s": play.LOG_S}),
+        (["--device", "omni", "--handle", "audio"], {"at": None, "handle": DeviceChoice("audio")}),
         (["--device", "omni", "--at", "0", "0", "0.1"], {"at": (0.0, 0.0, 0.1)}),
     ):
         found.clear()
         assert main(["play", DEMO, *options]) == 0
         assert found == found | given and ("kiosk_s" in found) == ("--device" not in options)
         assert ("latency of audio: 20 ms" in capsys.readouterr().out) == ("--handle" in options)
+
+
+@pytest.fixture
+def system(monkeypatch: pytest.MonkeyPatch) -> MagicMock:
+    """Notes what is opened, used and closed."""
+    system = MagicMock()
+    bridge = ("orders.Orders", "server.BridgeServer", "websocket.WebSocketBridge")
+    places = ("loop.Servo", "play.page_server.PageServer", *(f"bridge.{place}" for place in bridge))
+    for place in places:
+        made = getattr(system, place.rpartition(".")[2])
+        made.return_value.__enter__.return_value = made.return_value
+        monkeypatch.setattr(f"hapscene.{place}", made)
+    monkeypatch.setattr("webbrowser.open", system.browse)
+    monkeypatch.setattr(play, "middle_of_top", lambda scene: (0.0, 0.0, 9.0))
+    monkeypatch.setattr(play, "load_input", lambda *given: "scene")
+    return system
+
+
+def acts(system: MagicMock) -> list[Any]:
+    return [act[0] if act[0].endswith("__") else act for act in system.mock_calls]
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_page_is_shown_and_then_the_servo_starts(
+    shown: bool, system: MagicMock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, servo, scene = system.PageServer(), system.Servo(), system.scene
+    page.url, page.public, page.devices, page.tools = "http://x", shown, ["a", "b"], 2
+    servo.handle_report.return_value = {"latency_s": 0.02} if shown else {}
+    system.reset_mock()
+    with play._on_page(scene, "title", PageOptions(no_browser=not shown), 60.0, force_N=1.0):
+        if shown:
+            page.sound(True, 0.5)
+            page.sound(False, 0.5)
+    turned = call.Servo().turn_handle
+    assert [act for act in acts(system) if act != call.Servo().handle_report()] == [
+        call.PageServer(scene, tools=2, title="title", host="127.0.0.1", port=0, kiosk_s=60.0),
+        *("PageServer().__enter__", *([call.browse("http://x")] if shown else [])),
+        *(call.Servo(scene, ["a", "b"], force_N=1.0), "Servo().__enter__"),
+        *(call.Servo().start([(0.0, 0.0, 0.0)] * 2), *([turned(0.0)] if shown else [])),
+        *(call.PageServer().attach(servo), *([turned(0.5), turned(0.0)] if shown else [])),
+        *("Servo().__exit__", "PageServer().__exit__"),
+    ]
+    output = capsys.readouterr().out
+    assert "http://x" in output and ("network" in output) == shown
+
+
+@pytest.mark.parametrize("at", [(1.0, 2.0, 3.0), None])
+def test_devices_start_at_a_place_or_at_the_top(at: Any, system: MagicMock) -> None:
+    with play._with_devices(system.scene, ["omni", "omni"], at, ring_s=3.0):
+        assert acts(system) == [
+            *(call.Servo(system.scene, ["omni", "omni"], ring_s=3.0), "Servo().__enter__"),
+            call.Servo().start([at or (0.0, 0.0, 9.0)] * 2),
+        ]
+
+
+@pytest.mark.parametrize(("host", "ws"), [("127.0.0.1", None), ("10.0.0.1", 5)])
+def test_serve_opens_its_ports_and_reports_what_came(
+    host: str, ws: int | None, system: MagicMock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server, orders, servo = system.BridgeServer(), system.Orders(), system.Servo()
+    server.address, system.WebSocketBridge().address = (host, 7), (host, 8)
+    orders.counts = {"tune": 1200, "add": 1} if ws else {}
+    system.reset_mock()
+    assert main(["serve", DEMO, "--host", host, "--tools", "2", *([] if ws is None else ["--ws", str(ws)])]) == 0
+    assert acts(system)[: -3 - bool(ws)] == [
+        call.Servo("scene", ["omni"] * 2, progress=play.print_progress, tip_radius_m=0.0),
+        *(call.Orders(servo), call.BridgeServer(orders, host, play.PORT), "BridgeServer().__enter__"),
+        *([call.WebSocketBridge(server, host, ws)] if ws else []),
+        *("Servo().__enter__", "Orders().__enter__"),
+        *(*(["WebSocketBridge().__enter__"] if ws else []), call.BridgeServer().serve(ANY)),
+    ]
+    output = capsys.readouterr().out
+    assert f"udp {host}:7" in output and (f"ws://{host}:8" in output) == ("network" in output) == bool(ws)
+    assert output.endswith("ended; add 1, tune 1,200\n") == bool(ws) and not output.endswith("ended; \n")
+    assert main(["serve", DEMO, "--tools", "0"]) == 2
+
+
+@pytest.mark.parametrize("unlike", [[], [7]])
+def test_a_replay_is_negative_if_forces_differ(
+    unlike: list[int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Replay(3, 5, np.array(unlike), "why")
+    monkeypatch.setattr("hapscene.loop.session_log.replay_log", lambda path: found)
+    assert main(["play", "--replay", "log"]) == len(unlike)
+    assert capsys.readouterr().out.splitlines() == ["reason of the log: why", str(found)]
 
 
 def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.clock import LOOK_NS, new_clock
+from hapscene.clock import LOOK_NS, VIRTUAL, new_clock
 from hapscene.compiled.native import INTERPRETED
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.model import Limits
+from hapscene.device.safety import STALL_S
 from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo, Twin, servo_process, timing
-from hapscene.loop.driver import CHANNEL, FOLLOW_RAD_S, _follow, _read_aim
+from hapscene.loop.driver import CHANNEL, FOLLOW_RAD_S, _follow, _note_start, _read_aim
 from hapscene.loop.servo_process import OrderHandler
 from hapscene.loop.shared_memory import open_channel
 from hapscene.loop.timing import (
@@ -85,6 +86,20 @@ def test_limit_of_delay_is_in_ticks(tick_ns: int) -> None:
         made = timer(tick_ns, behind_ns=int(behind * tick_ns))
         wait_for_tick(made)
         assert bool(made.channel.missed > LATE_MAX) == missed
+
+
+def test_a_tick_that_a_vendor_calls_is_late_by_the_time_since_the_last() -> None:
+    made, missed, delays = timer(), 0, np.zeros(BIN_COUNT, np.int64)
+    for spans in (0.9, 2.5, 1e3 * STALL_S + 0.9, 1e3 * STALL_S + 1.1):
+        before, late = int(made.timing.began_ns), max(spans - 1.0, 0.0)
+        made.clock[VIRTUAL] += int(spans * TICK_NS) - LOOK_NS
+        _note_start(made)
+        missed += int(late)
+        assert made.timing.due_ns == made.timing.began_ns == before + int(spans * TICK_NS) and made.timing.late == 0
+        assert made.timing.elapsed_ns == int(spans * TICK_NS) and made.channel.missed == missed
+        assert made.timing.stalled == int(late > 1e3 * STALL_S)
+        count_in_bin(delays, int(late * TICK_NS))
+        assert np.array_equal(made.channel.late, delays)
 
 
 # The loop in a thread of this process.

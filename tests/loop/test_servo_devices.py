@@ -1,6 +1,9 @@
 """Real devices of a servo: events of their buttons, pose of the tool, states, recovery."""
 
+import os
+import signal
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +12,10 @@ import pytest
 from hapscene.clock import VIRTUAL
 from hapscene.device import DeviceChoice, choose
 from hapscene.device.driver import BUTTON_ROOM, VendorConnection, new_state
-from hapscene.device.safety import STALL_S
+from hapscene.device.safety import RESUME_S, STALL_S
 from hapscene.errors import DeviceError, HapsceneError
+from hapscene.loop import SessionLog
+from hapscene.loop.driver import BLOCKING, ENDED
 from hapscene.loop.servo_state import ButtonEvent, button_events_of
 from hapscene.scene.scene import Scene
 from tests.until import until
@@ -94,6 +99,12 @@ def test_stop_force_ends_with_the_next_start(plate_of: Callable[..., Any]) -> No
         servo.start((0.0, 0.0, 0.001))
         servo.advance(200)
         assert servo.handler._twins[0].safety.gain[0] == 1.0
+        servo.repaint(servo.scene)
+        assert (servo.handler._twins[0].safety.gain[0], servo.handler._twins[0].safety.rise_s[0]) == (0.0, RESUME_S)
+        servo.advance(200)
+        servo.pause()
+        servo.resume()
+        assert (servo.handler._twins[0].safety.gain[0], servo.handler._twins[0].safety.rise_s[0]) == (0.0, 0.1)
 
 
 def test_modes_and_recovery_from_a_fault(plate: Scene) -> None:
@@ -168,10 +179,14 @@ def test_servo_without_watchdog_ends_the_force(plate: Scene) -> None:
     with VirtualServo(plate, choose("simulated")) as servo:
         servo.start((0.0, 0.0, 0.05))
         servo.advance(10)
-        state = servo.handler.connections[0].state
+        device, sent_N = servo.handler.connections[0], list[float]()
+        state = device.state
+        device.write = lambda: sent_N.append(float(state.f_D_N[0, 2]))  # type: ignore[method-assign]
+        servo.advance(3)
         state.f_D_N = 1.0
         servo.handler.check_devices(watched=False)
         assert not state.f_D_N.any() and servo.mode == "error"
+        assert len(sent_N) == 4 and sent_N[-1] == 0.0
         with pytest.raises(DeviceError, match="watchdog"):
             servo.state()
 
@@ -192,6 +207,50 @@ def test_end_waits_for_the_loop_after_an_interrupted_pause(plate: Scene) -> None
             handler.pause()
         handler.end()
         assert len(waited) == 2
+
+
+def test_a_vendor_s_device_is_scheduled_checked_and_closed(
+    plate: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    acts, wrong = list[Any](), dict[str, Exception]()
+
+    def note(name: str) -> Callable[..., None]:
+        def call(device: Any, *given: int) -> None:
+            acts.append(name if name != "unschedule" else (name, int(row.waiting)))
+            if name in wrong:
+                raise wrong[name]
+
+        return call
+
+    names = ("read", "write", "check", "close", "schedule", "unschedule", "home")
+    vendor = type("Vendor", (VendorConnection,), {name: note(name) for name in names})
+    monkeypatch.setattr(DeviceChoice, "open", lambda choice: vendor())
+    with VirtualServo(plate, choose("simulated"), log_folder=tmp_path, force_N=0.25) as servo:
+        handler, row = servo.handler, servo._channel.channel[0]
+        assert handler._twins[0].safety.force_N == 0.25
+        servo.start((0.0, 0.0, 0.05))
+        assert acts == ["read", "schedule"] and (row.pause, row.waiting) == (0, 0)
+        handler._calls[0]()  # as the vendor's thread does
+        assert servo.state().tick == 0
+        handler.connections[0].state.trouble = 7
+        handler.check_devices()
+        assert acts[2:] == ["check"] and "7" in servo.notice
+        servo.home()
+        assert acts[3:] == [("unschedule", BLOCKING), "home", "schedule"]
+        wrong["check"] = OSError("lost")
+        handler.check_devices()
+        assert acts[6:] == ["check", ("unschedule", BLOCKING)] and (row.pause, row.waiting) == (1, ENDED)
+        assert servo.mode == "error" and not list(tmp_path.iterdir())
+        handler.check_devices()  # a paused device is not checked
+        assert len(acts) == 8 and [SessionLog.load(one).reason for one in tmp_path.iterdir()] == ["OSError: lost"]
+        assert str(tmp_path) in capsys.readouterr().err
+        servo.recover()
+        servo.resume()
+        assert acts[8:] == ["close", "schedule"]
+        wrong["unschedule"] = DeviceError("no answer")
+        monkeypatch.setattr(os, "kill", lambda *given: acts.append(given))
+        servo.pause()
+        assert acts[-1] == (os.getpid(), signal.SIGKILL) and len(list(tmp_path.iterdir())) == 2
 
 
 def test_threads_of_vendors_have_clocks_of_their_own(plate: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,9 @@ import json
 import os
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +43,7 @@ def test_replay_is_identical(log_folder: Path) -> None:
     log = SessionLog.load(log_folder)
     replay = log.replay()
     assert replay.count > 500 and len(replay.unlike) == 0 and "the same to the bit" in str(replay)
-    assert log.first > 0  # the ring buffer is shorter than the stroke
+    assert log.first + log.rows.shape[1] == 1700 and log.rows.shape[1] == 1499  # the oldest may be overwritten
     assert 400 < log.memory_tick < 1500  # after the parameter was tuned
     assert log.rows["f_W_N"].any() and log.a_m_s2.any()
 
@@ -75,6 +77,13 @@ def test_changed_force_is_detected_at_its_tick(log_folder: Path) -> None:
     assert log.replay().unlike.tolist() == [log.first + at]
 
 
+@pytest.mark.parametrize("limits", ["x", [], ["x"], [{"reach_m": 1.0}]])
+def test_limits_of_a_log_are_checked(log_folder: Path, limits: Any) -> None:
+    log = SessionLog.load(log_folder)
+    with pytest.raises(HapsceneError, match="limits"):
+        replace(log, made={**log.made, "limits": limits}).replay()
+
+
 def test_checkpoint_of_another_scene_is_refused(log_folder: Path) -> None:
     renderer, memory = hapscene.Renderer(make_scene(), ["wall"]), SessionLog.load(log_folder).memory
     with pytest.raises(HapsceneError, match="the checkpoint has"):
@@ -104,8 +113,8 @@ def test_log_with_an_added_body_cannot_be_replayed(tmp_path: Path) -> None:
 
 
 def test_replay_of_two_tools_with_numpy_settings(tmp_path: Path) -> None:
-    pull = {"weight": {"mass_kg": np.float32(0.02)}}
-    with VirtualServo(make_scene(), ["omni", "premium-1.5"], effects=["wall", "weight"], settings=pull) as servo:
+    made = {"effects": ["wall", "weight"], "settings": {"weight": {"mass_kg": np.float32(0.02)}}}
+    with VirtualServo(make_scene(), ["omni", "premium-1.5"], ring_s=0.2, **made) as servo:
         servo.start([(0.0, 0.0, 0.002)] * 2)
         for tool in range(2):
             servo.aim((0.0, 0.0, -0.006), "firm", tool=tool)
@@ -113,6 +122,7 @@ def test_replay_of_two_tools_with_numpy_settings(tmp_path: Path) -> None:
         servo.session_log().save(tmp_path / "two")
     log = SessionLog.load(tmp_path / "two")
     assert log.rows["touching"].any(axis=1).all() and len(log.replay().unlike) == 0
+    assert log.memory_tick == 150  # the oldest of four in the ring buffer
 
 
 def test_repeated_orders_are_merged() -> None:
@@ -122,7 +132,9 @@ def test_repeated_orders_are_merged() -> None:
     assert tuned[1:] == [("tune", "wood", {"stiffness_N_m": 999.0})]
 
 
-@pytest.mark.parametrize("damage", ["elsewhere", "gone", "no numbers", "later", "cut", "pickle"])
+@pytest.mark.parametrize(
+    "damage", ["elsewhere", "tuned", "made", "first", "gone", "no numbers", "later", "cut", "pickle"]
+)
 def test_invalid_log_is_rejected_in_one_line(log_folder: Path, damage: str, tmp_path: Path) -> None:
     folder = tmp_path / "bad"
     folder.mkdir()
@@ -137,6 +149,8 @@ def test_invalid_log_is_rejected_in_one_line(log_folder: Path, damage: str, tmp_
             (folder / NUMBERS_FILE).unlink()
         case "later":
             (folder / STORY_FILE).write_text(json.dumps(story | {"version": 99}))
+        case "tuned" | "made" | "first":
+            (folder / STORY_FILE).write_text(json.dumps(story | {damage: "x"}))
         case "elsewhere":
             (folder / STORY_FILE).write_text(json.dumps(story | {"memory_tick": -7}))
         case "cut":

@@ -111,7 +111,10 @@ def test_press_force(plate: Scene, device: PointMass | Omni) -> None:
 
 @pytest.mark.parametrize("name", GESTURES)
 def test_every_gesture_makes_contact(plate: Scene, name: str) -> None:
-    result = Twin(plate, Omni(), handle=Plant()).run(act(name, plate, TICK_S, grip="medium"))
+    twin, reference = Twin(plate, Omni(), handle=Plant()), act(name, plate, TICK_S, grip="medium")
+    result = twin.run(reference)
+    low_m, high_m = (extreme(reference.target_W_m, axis=0) for extreme in (np.min, np.max))
+    assert np.array_equal(twin.X_WD, stand(0.5 * (low_m + high_m)))  # the device is placed around the gesture
     assert result.recording.touching.any()
     assert np.isfinite(result.p_W_m).all() and np.isfinite(result.a_handle_m_s2).all()
     assert not result.recording.flags.any()

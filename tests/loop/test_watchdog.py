@@ -1,7 +1,11 @@
 """The watchdog and the heartbeat, which end the force when the servo or the application ends; on a virtual clock."""
 
+import os
+import signal
 import threading
 from collections.abc import Callable
+from multiprocessing import Pipe
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +17,7 @@ from hapscene.device.driver_registry import DeviceChoice
 from hapscene.loop import heartbeat, watchdog
 from hapscene.loop.driver import BLOCKING, ENDED
 from hapscene.loop.heartbeat import HEARTBEAT_NS
+from hapscene.loop.timing import PRIORITY
 from hapscene.loop.watchdog import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, release_all, until_needed
 from tests.virtual_clock import VirtualClock
 
@@ -82,10 +87,68 @@ def test_force_of_a_starved_servo_is_removed_and_the_servo_goes_on() -> None:
     assert times_s == pytest.approx([start_s + BUSY_S for start_s in (0.0, 2.0, 4.0)], abs=3.0 * LOOK_S)
 
 
-def test_stopped_process_is_detected_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watchdog, "state_of", lambda pid: "stopped")
+@pytest.mark.parametrize(("state", "patience_s"), [("stopped", STILL_S), ("ending", 0.0)])
+def test_stopped_or_ending_process_is_detected_sooner(
+    state: str, patience_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watchdog, "state_of", lambda pid: state)
     closed, after_s = watch(stands_after(1.0))
-    assert not closed and STILL_S < after_s - 1.0 <= STILL_S + 2.5 * LOOK_S
+    assert not closed and patience_s < after_s - 1.0 <= patience_s + 2.5 * LOOK_S
+
+
+NO_SIGNAL, SIGTERM_PENDING, OTHER_FLAGS = 0, 0x4000, 0x400140
+
+
+@pytest.mark.parametrize(
+    ("state", "flags", "pending", "found"),
+    [
+        *((state, OTHER_FLAGS, SIGTERM_PENDING, "running") for state in "RSD"),
+        *((state, OTHER_FLAGS, NO_SIGNAL, "stopped") for state in "Tt"),
+        *((state, OTHER_FLAGS, NO_SIGNAL, "ending") for state in "ZXx"),
+        *(("S", OTHER_FLAGS | flag, NO_SIGNAL, "ending") for flag in (0x4, 0x200, 0x400)),
+        *(("R", OTHER_FLAGS, 1 << number - 1, "ending") for number in (6, 7, 9, 11, 19)),
+    ],
+)
+def test_state_of_a_process(
+    state: str, flags: int, pending: int, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGABRT, SIGBUS, SIGKILL, SIGSEGV and SIGSTOP by their numbers on Linux; a name may contain brackets."""
+    monkeypatch.setattr(watchdog, "Path", lambda place: tmp_path / place.lstrip("/"))
+    place, ended = tmp_path / "proc/7", 0x604
+    assert watchdog.state_of(7) == "running"  # no Linux
+    place.mkdir(parents=True)
+    (tmp_path / "proc/self").mkdir()
+    (tmp_path / "proc/self/stat").touch()
+    assert watchdog.state_of(7) == "ending"  # it is gone
+    (place / "stat").write_text(f"7 (a) Z) {state} {ended} {ended} {ended} {ended} {ended} {flags} {ended} {ended}")
+    for signals in ((pending, 0), (0, pending)):
+        text = "Name:\ta\nSigPnd:\t{:016x}\nShdPnd:\t{:016x}\nSigBlk:\tffffffffffffffff\n".format(*signals)
+        (place / "status").write_text(text)
+        assert watchdog.state_of(7) == found
+    (place / "status").write_text("")
+    assert watchdog.state_of(7) == "running"  # not reported
+
+
+def test_all_threads_of_a_process_are_hastened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Any] = []
+    monkeypatch.setattr(watchdog, "Path", lambda place: tmp_path / place.lstrip("/"))
+    for name, value in (("getscheduler", "policy"), ("getparam", "priority")):
+        monkeypatch.setattr(os, f"sched_{name}", lambda pid, value=value: (value, pid), raising=False)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *values: given.append(values), raising=False)
+    watchdog._hasten(7)  # it has ended
+    for number in ("7", "12"):
+        (tmp_path / "proc/7/task" / number).mkdir(parents=True)
+    watchdog._hasten(7)
+    assert sorted(given) == [(number, ("policy", 0), ("priority", 0)) for number in (7, 12)]
+
+
+def test_the_end_of_a_process_closes_its_connection() -> None:
+    life, dying = Pipe(duplex=False)
+    assert not watchdog._closed(life)
+    dying.close()
+    assert watchdog._closed(life)
+    life.close()
+    assert watchdog._closed(life)
 
 
 def test_normal_end_is_reported() -> None:
@@ -184,7 +247,7 @@ def test_device_that_does_not_answer_does_not_delay_others() -> None:
     [
         (["pen"], True, ["zero 0"]),
         (["stops", "prepared"], True, ["zero 1"]),
-        (["holds"], True, []),
+        *(([kind], True, []) for kind in ("holds", "slow", "held")),
         (["prepared", "holds"], True, []),  # the one cannot be set to zero while the servo has it
         (["prepared", "holds"], False, ["zero 1", "kill 7", "release 2"]),
     ],
@@ -192,13 +255,26 @@ def test_device_that_does_not_answer_does_not_delay_others() -> None:
 def test_servo_goes_on_only_if_all_devices_lose_their_force(
     kinds: list[str], closed: bool, acts: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done, zeros = list[str](), list[int]()
+    done, zeros, begun = list[str](), list[int](), list[Any]()
     device = {"force": True, "release": print, "watchdog_s": 1.0, "prepare_release": None, "imports": ("no_module",)}
     device["read_options"] = dict
     more = {"pen": {"force": False}, "stops": {"release": None, "watchdog_s": 0.9 * BUSY_S}, "holds": {}}
+    more |= {"slow": {"release": None, "watchdog_s": BUSY_S}, "held": {"watchdog_s": 0.9 * BUSY_S}}
     more["prepared"] = {"prepare_release": lambda: lambda: zeros.append(1)}
 
+    def note(name: str) -> Callable[..., None]:
+        return lambda *given: begun.append((name, *given))
+
+    def look(name: str) -> None:
+        begun.append(name)
+        raise ImportError
+
+    def open_channel(*place: Any, **shape: int) -> Any:
+        begun.append((*place, shape))
+        return SimpleNamespace(close=lambda unlink: begun.append(unlink))
+
     def until(life: Any, channel: Any, pid: int, send_zeros: Callable[[], object] | None) -> bool:
+        begun.append(pid)
         if send_zeros is not None:
             send_zeros()
             done.append(f"zero {len(zeros)}")
@@ -206,14 +282,22 @@ def test_servo_goes_on_only_if_all_devices_lose_their_force(
 
     monkeypatch.setattr(watchdog, "DRIVERS", SimpleNamespace(load=lambda name: SimpleNamespace(**device | more[name])))
     monkeypatch.setattr(watchdog, "until_needed", until)
-    monkeypatch.setattr(watchdog, "open_channel", lambda *place, **shape: SimpleNamespace(close=lambda unlink: None))
+    monkeypatch.setattr(watchdog, "open_channel", open_channel)
+    monkeypatch.setattr(watchdog, "importlib", SimpleNamespace(import_module=look))
     for name in ("gc.freeze", "gc.disable", "signal.signal", "os.setsid", "request_realtime_priority", "_hasten"):
-        monkeypatch.setattr(f"hapscene.loop.watchdog.{name}", lambda *given: None)
+        monkeypatch.setattr(f"hapscene.loop.watchdog.{name}", note(name), raising=False)
     monkeypatch.setattr(watchdog, "release_all", lambda drivers, closed: done.append(f"release {len(drivers)}"))
     monkeypatch.setattr("os.kill", lambda pid, signum: done.extend([f"zero {len(zeros)}", f"kill {pid}"]))
-    choices, ready = [DeviceChoice(kind) for kind in kinds], SimpleNamespace(send=lambda message: None)
-    watchdog.watch(None, ready, "name", (1, 1, 1, 1), 7, choices)  # type: ignore[arg-type]
+    choices, ready = [DeviceChoice(kind) for kind in kinds], SimpleNamespace(send=note("ready"))
+    watchdog.watch(None, ready, "name", (5, 4, 3, 2), 7, choices)  # type: ignore[arg-type]
     assert done == acts
+    assert begun == [
+        *(("signal.signal", kind, signal.SIG_IGN) for kind in (signal.SIGINT, signal.SIGTERM)),
+        *(("os.setsid",), *["no_module"] * len(kinds), ("gc.freeze",), ("gc.disable",)),
+        *(("request_realtime_priority", PRIORITY + 1), ("_hasten", os.getpid())),
+        *((5, 4, "name", {"bodies": 3, "tools": 2}), ("ready", None), 7, False),
+        *(() if closed else [("_hasten", 7)]),
+    ]
 
 
 @pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * HEARTBEAT_NS, 50)])
@@ -229,3 +313,19 @@ def test_heartbeat_stops_without_calls(patience_ns: int, beats: int) -> None:
     beat = getattr(heartbeat._beat, "py_func", heartbeat._beat)
     beat(counter, asked, Stop(), VirtualClock().buffer, patience_ns)
     assert counter[0] == pytest.approx(beats, abs=1)
+
+
+@pytest.mark.parametrize(("patience_s", "patience_ns"), [(0.05, 50_000_000), (float("inf"), 10**18)])
+def test_heartbeat_ends_with_its_thread(patience_s: float, patience_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    acts: list[Any] = []
+
+    def beat(counter: Any, asked: Any, stop: Any, clock: Any, patience_ns: int) -> None:
+        acts.append(patience_ns)
+        while not stop[0]:
+            counter[0] = 1
+        acts.append("end")
+
+    monkeypatch.setattr(heartbeat, "request_realtime_priority", lambda: acts.append("priority"))
+    monkeypatch.setattr(heartbeat, "_beat", beat)
+    heartbeat.Heartbeat(np.zeros(1, np.int64), patience_s).stop()
+    assert acts == ["priority", patience_ns, "end"]

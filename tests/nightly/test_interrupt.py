@@ -6,42 +6,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from hapscene.cli import main
-from hapscene.interrupt import AGAIN_S, ENDS, clear_interrupt, interrupt_noted, interrupted_by_ends
 
 pty = pytest.importorskip("pty", reason="this platform has no pseudo-terminals")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
-
-
-@pytest.mark.parametrize("kind", ENDS)
-def test_only_the_first_signal_interrupts(kind: signal.Signals) -> None:
-    before = signal.getsignal(kind)
-    done = []
-    with pytest.raises(KeyboardInterrupt) as caught, interrupted_by_ends():
-        try:
-            os.kill(os.getpid(), kind)
-            signal.pause()
-        finally:
-            os.kill(os.getpid(), kind)
-            os.kill(os.getpid(), signal.SIGTERM)
-            done.append("cleaned up")
-    assert done and caught.value.args == (kind,) and signal.getsignal(kind) == before
-
-
-def test_ignored_signal_stays_ignored() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
-    try:
-        with interrupted_by_ends(), interrupt_noted() as noted:
-            os.kill(os.getpid(), signal.SIGHUP)
-            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN and not noted()
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 def test_command_runs_in_another_thread() -> None:
@@ -50,18 +22,6 @@ def test_command_runs_in_another_thread() -> None:
     thread.start()
     thread.join()
     assert codes == [0]
-
-
-def test_interrupted_command_reports_it_and_exits_with_the_signal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def end(*arguments: object, **more: object) -> None:
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
-    (tmp_path / "any.glb").touch()
-    assert main(["check", str(tmp_path / "any.glb")]) == 128 + signal.SIGTERM
-    assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
 
 
 def test_closed_terminal_does_not_prevent_cleanup(tmp_path: Path) -> None:
@@ -132,35 +92,6 @@ def test_interrupt_that_an_import_catches_is_raised_again(
     assert main(["check", str(tmp_path / "any.glb")]) == 130
     assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
     assert signal.getsignal(signal.SIGALRM) == before and signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
-
-
-def test_interrupt_is_not_raised_again_during_cleanup() -> None:
-    order = []
-
-    @contextmanager
-    def kept() -> Iterator[None]:
-        try:
-            yield
-        finally:
-            time.sleep(5 * AGAIN_S)
-            order.append("an exit")
-
-    with interrupted_by_ends():
-        try:
-            with kept():
-                try:
-                    os.kill(os.getpid(), signal.SIGINT)
-                    signal.pause()
-                finally:
-                    try:
-                        raise OSError
-                    except OSError:
-                        time.sleep(5 * AGAIN_S)
-                        order.append("an except clause")
-        except KeyboardInterrupt:
-            clear_interrupt()
-        time.sleep(5 * AGAIN_S)
-    assert order == ["an except clause", "an exit"]
 
 
 def test_ctrl_c_during_start_prints_one_line(tmp_path: Path) -> None:

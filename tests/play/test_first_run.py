@@ -69,6 +69,38 @@ def test_a_device_is_calibrated_or_refused_in_time(monkeypatch: pytest.MonkeyPat
     assert said[2:] == ["ready\n"]
 
 
+@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize(("count", "missed", "step_mm"), [(800, 11, 0.5), (400, 10, 3.0), (800, 0, 0.0)])
+def test_the_moves_of_a_device_are_measured(
+    count: int, missed: int, step_mm: float, simulated: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It moves along y, there and back, in the last of 1000 ticks."""
+    clock, counts, said = VirtualClock(), iter((100, 100 + count)), list[str]()
+    monkeypatch.setattr(first_run, "time", SimpleNamespace(sleep=clock.sleep_s, monotonic=clock.now_s))
+    rows = np.zeros(1000, [("p_WT_m", float, 3), ("flags", int)])
+    rows["p_WT_m"] += (1.0, 2.0, 3.0)
+    rows["p_WT_m"][900:, 1] -= 1e-3 * step_mm * np.minimum(np.arange(100), np.arange(100)[::-1])
+    rows["flags"][3] = Flag.HEAT_LIMITED
+    servo: Any = SimpleNamespace(
+        state=lambda: SimpleNamespace(tick=7),
+        device_state=lambda: SimpleNamespace(count=next(counts)),
+        read=lambda since: SimpleNamespace(rows=rows[: 1000 * (since == 7)]),
+        timing=lambda: SimpleNamespace(since=lambda late: SimpleNamespace(missed=missed)),
+        tick_s=1e-3,
+    )
+    driver: Any = SimpleNamespace(simulated=simulated, speed_m_s=2.0)
+    checks = first_run._look_at_moves(servo, driver, said.append)
+    assert [good for _, good in checks] == [count > 400, simulated or step_mm > 0.0, step_mm < 2.0, False]
+    words = [
+        f"{count / 4:.0f} ",
+        f"0 mm along x, {49 * step_mm:.0f} mm along y, 0 mm",
+        f"step {step_mm:.2f} mm",
+        "warm",
+    ]
+    assert all(word in text for word, (text, _) in zip(words, checks, strict=True))
+    assert [f"{missed} of 1000" in line for line in said] == [True] * (missed > 10)
+
+
 def test_flags_of_a_ramp_and_of_a_busy_computer_are_no_problem() -> None:
     flags = np.array([Flag.RAMPED | Flag.STALLED, Flag.HEAT_LIMITED, Flag.APPLICATION_SILENT])
     assert first_run._problems(flags) == [("force reduced: motors are warm", False)]

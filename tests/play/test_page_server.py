@@ -109,6 +109,25 @@ def test_closed_page_lifts_its_tools(page: PageServer) -> None:
     assert not downs(page)[0]
 
 
+def test_a_closed_server_has_no_thread_and_lifts_its_tools(
+    clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_server, "scene_json", lambda scene, title: f"[{title}]")
+    page = PageServer(make_scene(), title="a plate", clock=clock)
+    assert page._content("scene.json") is None
+    with page:
+        page.take(1, {"points": [above(1, 0.0)]})
+        assert page._content("scene.json") == (b"[a plate]", "application/json") and page._content("x") is None
+        script = page._content("view.js")
+        assert script is not None and script[0] and script[1].startswith("text/javascript")
+    assert not any(downs(page)) and not page._beats.is_alive() and page.link._socket.fileno() == -1
+    with pytest.raises(RuntimeError):
+        page._drawer.submit(print)
+    with pytest.raises(OSError):
+        connect(page)
+    page.close()
+
+
 def test_finger_without_events_is_lifted(page: PageServer, clock: VirtualClock) -> None:
     page.take(1, {"points": [above(1, 0.0)]})
     clock.sleep_s(0.9 * page_server.STALE_S)
@@ -224,7 +243,9 @@ def test_each_beat_sends_changes_and_traces_since_the_last_one(
 def test_kiosk_resets_effects_and_sound(page: PageServer, clock: VirtualClock) -> None:
     servo: Any = FakeServo(make_scene())
     switched: list[Any] = []
+    assert not page.state()["ready"]
     page.attach(servo)
+    assert page.state()["ready"]
     page.sound = lambda on, volume: switched.append((on, volume))
     page.take(1, {"switch": ["friction", False], "sound": [True, 0.5]})
     page.take(1, {"switch": ["friction", False]})  # it is off already

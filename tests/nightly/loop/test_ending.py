@@ -112,14 +112,6 @@ def test_process_that_dies_at_the_start() -> None:
     assert len(said) == 1 and "exit code 3" in said[0]
 
 
-def test_start_can_be_cancelled(blocks: list[str]) -> None:
-    servo = Servo(make_scene(), MASS)
-    servo.cancel()
-    with pytest.raises(HapsceneError, match="cancelled"):
-        servo.__enter__()
-    assert_gone(blocks)
-
-
 def test_argument_that_cannot_be_pickled(blocks: list[str]) -> None:
     with pytest.raises((AttributeError, TypeError, pickle.PicklingError)), Servo(make_scene(), lambda: None):
         pass

@@ -35,17 +35,6 @@ def servo() -> Iterator[Servo]:
         yield running
 
 
-def test_tick_rate_and_target(servo: Servo) -> None:
-    servo.start((0.0, 0.0, 0.01))
-    first, start_s = servo.state().tick, time.monotonic()
-    servo.aim((0.01, 0.0, -0.003), "medium")
-    until(lambda: servo.state().tick >= first + 1500)
-    took_s = time.monotonic() - start_s
-    assert took_s > 1.4  # 1.5 s of ticks: a busy machine may make it late, never early
-    state = servo.state()
-    assert state.touching and state.f_W_N[2] > 0.2
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGSTOP there")
 def test_age_reveals_a_hanging_process(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.01))
