@@ -66,6 +66,16 @@ def test_acts_go_to_their_depth_and_back_in_their_time() -> None:
     assert np.count_nonzero(np.diff(ways[ways != 0.0])) == 3  # back and forth
 
 
+def test_trace_has_a_depth_in_each_row() -> None:
+    hand = PathBuilder((0.0, 0.0, 0.02), TICK_S, flat)
+    way = hand.line((0.01, 0.0), (0.06, 0.0), 0.1)
+    start, _ = hand.trace(way, np.linspace(1e-3, 3e-3, len(way)))
+    traced = hand.p_WT_m[start : start + len(way)]
+    np.testing.assert_allclose(traced[50:-50, 2], np.linspace(-1e-3, -3e-3, len(way))[50:-50], atol=1e-6)
+    assert hand.p_WT_m[start - 150, 2] == pytest.approx(HOVER_M, abs=2e-5)  # above the smoothed ends
+    assert hand.p_WT_m[-1, 2] == pytest.approx(HOVER_M, abs=5e-5)
+
+
 def test_explore_touches_every_body_smoothly_and_repeats() -> None:
     scene = make_scene()
     p_WT = explore(scene, TICK_S)
@@ -116,6 +126,19 @@ def test_calm_path_starts_later_and_is_equal_on_a_flat_surface() -> None:
     assert np.array_equal(rows, calm_rows) and later > start
     assert np.array_equal(brisk.p_WT_m[start : start + len(rows)], calm.p_WT_m[later : later + len(rows)])
     assert later >= 2 * 400  # across, and down
+
+
+def test_walls_are_climbed_in_the_air_at_the_same_slope_from_both_sides() -> None:
+    def plateau(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+        none = np.zeros(len(x_m), np.int64)
+        return TopView(np.where(np.abs(x_m) < 0.00995, 0.02, 0.0), none, none)
+
+    x_m = np.concatenate((np.arange(-0.03, 0.0, 1e-4), np.arange(0.0, 0.03, 2e-4)))  # faster on the way down
+    hand = PathBuilder((-0.03, 0.0, 0.04), TICK_S, plateau)
+    start, rows = hand.trace(np.column_stack((x_m, 0.0 * x_m)), 1e-3)
+    z_m = np.interp((-0.025, -0.0133, 0.0, 0.0133, 0.025), x_m, hand.p_WT_m[start : start + len(rows), 2])
+    up_m, down_m = 0.0205 - 3.0 * (0.0133 - 0.0099), 0.0205 - 3.0 * (0.0133 - 0.0098)
+    assert z_m == pytest.approx([-1e-3, up_m, 0.019, down_m, -1e-3], abs=2e-5)
 
 
 def test_calm_path_climbs_at_most_at_stroke_speed() -> None:

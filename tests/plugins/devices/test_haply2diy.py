@@ -60,7 +60,7 @@ def wire() -> Iterator[tuple[int, Any]]:
     os.set_blocking(ours, False)
     with DRIVER.open(port=os.ttyname(theirs), homed=True) as device:
         os.close(theirs)
-        os.read(ours, 4096)  # the setup message
+        assert os.read(ours, 4096) == setup_message(HARDWARE["v3"]) + run_message((0.0, 0.0))
         yield ours, device
     with suppress(OSError):
         os.close(ours)
@@ -101,6 +101,23 @@ def test_torques_of_the_force(wire: tuple[int, Any]) -> None:
         device.write()
         sent = TORQUES.unpack(os.read(board, 4096))[:1:-1]
         np.testing.assert_allclose(sent, arm_torques(f_H_N, p, (first, second), HARDWARE["v3"].base_m), atol=1e-6)
+    port = device._port.name.split()[-1]
+    for stop in (device.close, lambda: DRIVER.release(port=port)):
+        stop()
+        assert os.read(board, 4096) == run_message((0.0, 0.0))
+
+
+def test_force_needs_arms_that_were_at_their_marks(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    device._board.homed = 0
+    os.write(board, answer(121.0))
+    device.read()
+    assert (device.state.ready[0], device.state.trouble[0]) == (0, 1) and "calibrated" in device.reason(1)
+    device.home()
+    assert os.read(board, 4096) == setup_message(HARDWARE["v3"]) + run_message((0.0, 0.0))
+    os.write(board, answer(150.0))  # no jump: the board counts from the marks
+    device.read()
+    assert (device.state.ready[0], device.state.trouble[0], device.reason(0)) == (1, 0, "")
 
 
 def test_implausible_angles_are_not_used(wire: tuple[int, Any]) -> None:
@@ -146,6 +163,9 @@ def test_messages_stay_complete_if_the_port_is_full(wire: tuple[int, Any]) -> No
         device.state.f_D_N = (0.0, force_N, 0.0)
         device.write()
         sent += os.read(board, 7) if force_N > 0.5 else b""
+    device._clock[VIRTUAL] += 51_000_000
+    with pytest.raises(DeviceError, match="accepts no data"):
+        device.write()
     with suppress(BlockingIOError):
         while True:
             sent += os.read(board, 4096)
