@@ -5,8 +5,9 @@ import pytest
 
 from hapscene.device.sim.hand import GRIPS, Grip
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.motion.gestures import GESTURES, PRESS_N, STROKE_N, TOOL_KG, act, calm_time_s
+from hapscene.motion.gestures import GESTURES, PRESS_N, STROKE_N, TOOL_KG, _without_steep_ends, act, calm_time_s
 from hapscene.motion.hand_path import HOVER_M
+from hapscene.motion.look_from_above import TopView
 from hapscene.scene.scene import Scene
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
@@ -54,6 +55,17 @@ def test_gesture_approaches_from_above_and_leaves_continuously(scene: Scene, nam
     assert len(intent.grip) == len(intent.target_W_m)
     if name != "explore":
         assert np.ptp(intent.target_W_m[-round(0.5 / TICK_S) :], axis=0).max() == 0.0  # what buzzes is seen
+        assert np.ptp(intent.target_W_m[:51], axis=0).max() == 0.0
+
+
+def test_line_is_shortened_to_where_its_ends_are_gentle() -> None:
+    def rising(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+        return TopView(slope * np.maximum(np.abs(x_m) - least_m, 0.0), *[np.zeros(len(x_m), np.int64)] * 2)
+
+    line = (-0.05, 0.01), (0.05, 0.01)
+    for slope, least_m, half_m in ((10.0, 0.03, 0.03), (0.24, 0.0, 0.05), (10.0, -1.0, 0.05)):
+        ends = np.ravel(_without_steep_ends(rising, line))
+        np.testing.assert_allclose(ends, (-half_m, 0.01, half_m, 0.01), atol=1e-12)
 
 
 def test_taps_lie_along_the_line_and_a_stroke_goes_there_and_back(scene: Scene) -> None:

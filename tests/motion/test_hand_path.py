@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import PathError
+from hapscene.motion.gestures import act
 from hapscene.motion.hand_path import DEPTH_M, HOVER_M, PathBuilder, explore
 from hapscene.motion.look_from_above import TopView, look_from_above
 from hapscene.scene.mesh import Mesh
@@ -85,7 +86,7 @@ def test_explore_touches_every_body_smoothly_and_repeats() -> None:
     assert set(view.body[below]) == {0, 1}
     assert np.count_nonzero(np.diff(below.astype(int)) > 0) == 10  # two taps, a press, two strokes on each
     assert (view.z_m - p_WT[:, 2])[below].max() < 0.01
-    assert not below[0] and not below[-1]
+    assert not below[0] and not below[-1] and not np.ptp(p_WT[:101], axis=0).any()
     assert speed_m_s(p_WT).max() < 1.5
     assert 4.0 < len(p_WT) * TICK_S < 12.0
     assert not np.ptp(p_WT[-round(0.2 / TICK_S) :], axis=0).any()  # it waits in the air
@@ -95,7 +96,10 @@ def test_explore_goes_no_deeper_into_a_small_body_than_befits_it() -> None:
     for size_m, deep_m in ((0.01, 0.05 * 0.01), (0.2, DEPTH_M)):
         scene = Scene()
         scene.add(Mesh.from_trimesh(trimesh.creation.box((size_m,) * 3), "m"))
-        assert 0.5 * size_m - explore(scene, TICK_S)[:, 2].min() == pytest.approx(2 * deep_m, rel=0.1)  # the press
+        z_m, hover_m = explore(scene, TICK_S)[:, 2] - 0.5 * size_m, min(HOVER_M, 0.2 * 0.96 * size_m)
+        assert -z_m.min() == pytest.approx(2 * deep_m, rel=0.1)  # the press
+        assert (z_m[0], z_m[-1]) == pytest.approx((2 * hover_m, hover_m), rel=1e-3)
+        assert act("tap", scene, TICK_S).target_W_m[0, 2] - 0.5 * size_m == pytest.approx(hover_m, rel=1e-3)
         assert 0.5 * size_m - explore(scene, TICK_S, 1e-4)[:, 2].min() == pytest.approx(2e-4, rel=0.1)
 
 
