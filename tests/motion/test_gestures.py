@@ -59,13 +59,19 @@ def test_gesture_approaches_from_above_and_leaves_continuously(scene: Scene, nam
 
 
 def test_line_is_shortened_to_where_its_ends_are_gentle() -> None:
-    def rising(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
-        return TopView(slope * np.maximum(np.abs(x_m) - least_m, 0.0), *[np.zeros(len(x_m), np.int64)] * 2)
+    def look(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+        none = np.zeros(len(x_m), np.int64)
+        return TopView(heights[kind](x_m), none, none)
 
-    line = (-0.05, 0.01), (0.05, 0.01)
-    for slope, least_m, half_m in ((10.0, 0.03, 0.03), (0.24, 0.0, 0.05), (10.0, -1.0, 0.05)):
-        ends = np.ravel(_without_steep_ends(rising, line))
-        np.testing.assert_allclose(ends, (-half_m, 0.01, half_m, 0.01), atol=1e-12)
+    heights = {
+        "steep ends": lambda x_m: 10.0 * np.maximum(np.abs(x_m) - 0.03, 0.0),
+        "gentle": lambda x_m: 0.24 * x_m,
+        "steep": lambda x_m: 10.0 * x_m,
+    }
+    for kind in heights:
+        end_m = 0.03 if kind == "steep ends" else 0.05
+        ends = np.ravel(_without_steep_ends(look, ((-0.05, 0.01), (0.05, 0.01))))
+        np.testing.assert_allclose(ends, (-end_m, 0.01, end_m, 0.01), atol=1e-12)
 
 
 def test_taps_lie_along_the_line_and_a_stroke_goes_there_and_back(scene: Scene) -> None:

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import PathError
-from hapscene.motion.gestures import act
+from hapscene.motion.gestures import act as gesture
 from hapscene.motion.hand_path import DEPTH_M, HOVER_M, PathBuilder, explore
 from hapscene.motion.look_from_above import TopView, look_from_above
 from hapscene.scene.mesh import Mesh
@@ -99,7 +99,7 @@ def test_explore_goes_no_deeper_into_a_small_body_than_befits_it() -> None:
         z_m, hover_m = explore(scene, TICK_S)[:, 2] - 0.5 * size_m, min(HOVER_M, 0.2 * 0.96 * size_m)
         assert -z_m.min() == pytest.approx(2 * deep_m, rel=0.1)  # the press
         assert (z_m[0], z_m[-1]) == pytest.approx((2 * hover_m, hover_m), rel=1e-3)
-        assert act("tap", scene, TICK_S).target_W_m[0, 2] - 0.5 * size_m == pytest.approx(hover_m, rel=1e-3)
+        assert gesture("tap", scene, TICK_S).target_W_m[0, 2] - 0.5 * size_m == pytest.approx(hover_m, rel=1e-3)
         assert 0.5 * size_m - explore(scene, TICK_S, 1e-4)[:, 2].min() == pytest.approx(2e-4, rel=0.1)
 
 

@@ -52,6 +52,13 @@ def test_interpolation_does_not_overshoot(tmp_path: Path) -> None:
     assert (np.diff(p_WT[:, 2]) <= 0).all()
 
 
+def test_memory_is_checked_before_the_ticks_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, asked = write(tmp_path / "path.csv", "t,x,y,z\n0,0,0,0\n0.05,0,0,0\n0.06,0,0,0\n"), []
+    monkeypatch.setattr("hapscene.motion.path_file.check_memory", lambda *given: asked.append(given[:2]))
+    assert len(load_path(path, TICK_S)[0]) == 61
+    assert asked == [(3 * 212 + 61 * 32, path.stat().st_size)]
+
+
 @pytest.mark.parametrize(
     ("text", "place"),
     [
