@@ -398,7 +398,8 @@ def test_errors_while_the_firmware_is_loaded(usb: Usb, tmp_path: Path, monkeypat
     monkeypatch.setattr(usb, "write", lambda *sent: None)
     with pytest.raises(DeviceError, match="boot loader"):
         DRIVER.open(firmware=str(tmp_path / "firmware"))
-    usb.falcon.bus.line.state.problem, usb.last = DISCONNECTED, None
-    with pytest.raises(DeviceError, match="disconnected"):
-        DRIVER.open()
-    assert usb.last == ()
+    for problem, words in ((DISCONNECTED, "disconnected"), (REFUSED, "accepts no data")):
+        usb.falcon.bus.line.state.problem, usb.last = problem, None
+        with pytest.raises(DeviceError, match=words):
+            DRIVER.open()
+        assert usb.last == ()

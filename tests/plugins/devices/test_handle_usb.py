@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("usb", reason="no pyusb: extra `usb`")
+import usb.core
 
 from hapscene.errors import DeviceError, HandleError
 from hapscene.handle import board as live_board
@@ -144,9 +145,9 @@ def test_a_board_with_one_endpoint_is_refused(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(
     ("error", "system", "words"),
     [
-        (OSError(errno.EBUSY, "Resource busy"), "linux", "Resource busy; close the other program"),
-        (OSError(errno.EACCES, "Access denied"), "linux", 'ATTR{idVendor}=="16c0", ATTR{idProduct}=="05dc"'),
-        (NotImplementedError("Operation not supported"), "win32", "not supported; install the driver WinUSB"),
+        (usb.core.USBError("Resource busy", errno=errno.EBUSY), "linux", "close the other program"),
+        (usb.core.USBError("Access denied", errno=errno.EACCES), "linux", '"16c0", ATTR{idProduct}=="05dc"'),
+        (NotImplementedError("Operation not supported"), "win32", "install the driver WinUSB"),
     ],
 )
 def test_an_error_on_opening_names_a_remedy(
@@ -159,7 +160,10 @@ def test_an_error_on_opening_names_a_remedy(
     monkeypatch.setattr(usb_board.Backend, "set_configuration", refuse)
     with pytest.raises(HandleError) as caught:
         open_output("usb", {"backend": BACKEND})
-    assert str(caught.value).startswith("usb: cannot be opened: ") and words in str(caught.value)
+    assert str(caught.value).startswith(f"usb: cannot be opened: {error}; ") and words in str(caught.value)
+    monkeypatch.setattr(usb_board.Backend, "get_configuration", refuse)
+    (found,) = DRIVER.find(backend=BACKEND)
+    assert found.trouble == f"USB 1:1: cannot be opened: {error}" and words in found.remedy
 
 
 def test_a_device_is_taken_from_the_system_and_returned(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,15 +1,22 @@
 """A simulated device in a simulated hand, as a driver."""
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+import pytest
+
+import hapscene.device
 from hapscene.constants import TICK_S
 from hapscene.device.sim.arm import advance_arm, read_arm
 from hapscene.device.sim.hand import GRIPS
-from hapscene_plugins.devices.simulated import DRIVER
 
 
-def test_a_force_moves_the_device_on_the_spring_of_the_grip_until_it_is_closed() -> None:
-    device, k_N_m = DRIVER.open(**DRIVER.read_options({})), GRIPS["light"].k_N_m
+def test_a_force_moves_the_device_on_the_spring_of_the_grip_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_exit: list[Any] = []
+    monkeypatch.setattr("atexit.register", at_exit.append)
+    device: Any = hapscene.device.open("simulated")
+    assert at_exit == [device.close]
+    k_N_m = GRIPS["light"].k_N_m
     friction_m = 0.3 / k_N_m
     device.state.f_D_N = 2.0, -1.5, 1.0
     for _ in range(1000):

@@ -93,6 +93,10 @@ def test_reads_and_writes_use_their_own_endpoints(tmp_path: Path, monkeypatch: p
         device.state.f_D_N = 0.0, 0.0, 1.0
         zero = REPORT.pack(0, 0, 0, 0)  # also sent while it waits for a position after a pause
         until(lambda: device.write() or any(report != zero for _, report in board.written))
+        count = int(device.state.count[0])
+        device._board.polled_ns -= 10**9
+        device.read()  # waits for a position from after the pause
+        assert device.state.count[0] > count and device.state.f_D_N[0].tolist() == [0.0, 0.0, 1.0]
     with DRIVER.open(backend="usb_wire") as device:
         until(lambda: device.read() or device.state.count[0])
         assert (device.state.ready[0], device.state.trouble[0]) == (0, 1) and "calibrated" in device.reason(1)
