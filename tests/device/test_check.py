@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapscene.cli import main
 from hapscene.device.check import check_driver
 from hapscene.device.driver import Connection, Driver, Option, clip_force
 from hapscene.device.emulator import Emulator
@@ -92,8 +93,7 @@ class BoardConnection(Connection):
         state.trouble = 42 * (self._broken == "never ready")
         self._tripped |= self._broken == "trips" and float(state.p_DT_m[0]) > 0.05
         state.ready *= not self._tripped
-        if self._broken == "buttons":
-            state.buttons = 2
+        state.buttons = 2 * (self._broken == "buttons")
         state.R_DT = ORIENTATIONS.get(self._broken, np.eye(3))
         self._timeout.check(self, "board", "reconnect it")
 
@@ -261,3 +261,15 @@ def test_a_connected_device_receives_no_force() -> None:
 def test_an_unknown_option_is_refused() -> None:
     with pytest.raises(DeviceError, match="colour"):
         check_driver(driver_of(Board(), VirtualClock()), {"colour": "red"}, print)
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_as_typed_on_an_emulator_behind_a_port(good: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Any] = []
+    monkeypatch.setattr("hapscene.device.check.check_driver", lambda *words: given.extend(words) or good)
+    assert main(["device", "check", f"{__name__}:DRIVER", "--emulator", f"{__name__}:Board"]) == 1 - good
+    driver, options, _, emulator = given
+    assert driver is DRIVER and options["port"].startswith("/dev/") and type(emulator) is Board
+
+
+DRIVER = driver_of(Board(), VirtualClock())

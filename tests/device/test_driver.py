@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.device.driver import BUTTON_ROOM, DRIVER_FIELDS, Connection, Driver, Option, clip_force, new_state
+from hapscene.device.driver_registry import DeviceChoice
 from hapscene.errors import DeviceError
 
 OPTIONS = (
@@ -58,6 +59,15 @@ def test_options_have_the_type_of_their_default() -> None:
     for name, text in (("baud", "1.5"), ("gain", "much"), ("homed", "perhaps"), ("hardware", "v4"), ("colour", "red")):
         with pytest.raises(DeviceError, match=name):
             read({name: text})
+
+
+def test_handles_and_devices_are_told_apart() -> None:
+    assert DeviceChoice("simulated").checked()[1] == {"model": "omni", "grip": "light"}
+    assert DeviceChoice("audio").checked(handle=True)[0].name == "audio"
+    with pytest.raises(DeviceError, match="no position: use --handle audio"):
+        DeviceChoice("audio").checked()
+    with pytest.raises(DeviceError, match="no vibrations: use --device simulated"):
+        DeviceChoice("simulated").checked(handle=True)
 
 
 def test_a_connection_does_what_is_optional_by_default() -> None:
