@@ -157,10 +157,10 @@ def test_the_default_buffer_grows_after_underruns_and_reports_its_latency(cards:
 
 
 def test_a_thread_enlarges_the_buffer_until_the_output_is_closed(cards: Any) -> None:
-    sound, faded = cards(HEADPHONES), threading.Event()
+    sound, faded, before = cards(HEADPHONES), threading.Event(), set(threading.enumerate())
     handle = opened()
     handle.start(SimpleNamespace(pull=lambda out: out.fill(0.5), fade_in=faded.set))
-    (thread,) = (thread for thread in threading.enumerate() if thread.name == "hapscene audio")
+    (thread,) = (new for new in set(threading.enumerate()) - before if new.name == "hapscene audio")
     assert sound.calls == ["open 0.08", "start 0.08"]
     sound.opened["callback"](np.ones((64, 2), np.int16), 64, None, SimpleNamespace(output_underflow=True))
     assert faded.wait(PATIENCE_S)

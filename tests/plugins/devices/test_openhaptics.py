@@ -126,8 +126,8 @@ def test_force_is_limited_to_the_maximum_of_the_device(desk, most_N, sent_N):
 
 def test_two_devices_share_the_scheduler(desk):
     lay(desk, name=b"left", second=b"right")
-    with connect(name="left") as left:
-        with connect(name="right") as right:
+    with connect(runs=False, name="left") as left:
+        with connect(runs=False, name="right") as right:
             for device, f_x in ((left, 1.0), (right, 2.0), (left, 3.0)):
                 device.state.f_D_N = (f_x, 0.0, 0.0)
                 device.write()

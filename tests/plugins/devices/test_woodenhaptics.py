@@ -21,7 +21,7 @@ from hapscene_plugins.devices.woodenhaptics import (
     forward,
 )
 from tests.nightly.plugins.devices.conftest import EMULATORS
-from tests.until import until
+from tests.until import PATIENCE_S, until
 
 SIGNS = (1.0, -1.0, -1.0)
 """Directions of the motors by default."""
@@ -94,6 +94,7 @@ def test_reads_and_writes_use_their_own_endpoints(tmp_path: Path, monkeypatch: p
         zero = REPORT.pack(0, 0, 0, 0)  # also sent while it waits for a position after a pause
         until(lambda: device.write() or any(report != zero for _, report in board.written))
         count = int(device.state.count[0])
+        monkeypatch.setattr("hapscene_plugins.devices.usb_connection.WRITE_S", PATIENCE_S)
         device._board.polled_ns -= 10**9
         device.read()  # waits for a position from after the pause
         assert device.state.count[0] > count and device.state.f_D_N[0].tolist() == [0.0, 0.0, 1.0]
