@@ -14,6 +14,7 @@ from hapscene.errors import DeviceError
 from hapscene_plugins.devices.haply2diy import DRIVER
 from hapscene_plugins.devices.haply2diy_board import ANSWER, HARDWARE, ID, MIDDLE_M, TORQUES, run_message, setup_message
 from hapscene_plugins.devices.haply2diy_kinematics import TORQUE_MAX_N_m, arm_torques, forward
+from tests.virtual_clock import PATIENCE_S
 
 
 def test_setup_is_by_port() -> None:
@@ -202,6 +203,7 @@ def test_prepared_release_sends_a_complete_message_in_parts(
     board, device = wire
     assert DRIVER.prepare_release is not None
     write = os.write
+    monkeypatch.setattr("hapscene.device.serial_port.WRITE_S", PATIENCE_S)  # on a busy machine
     monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:3]))  # the port is nearly full
     DRIVER.prepare_release(port=device._port.name.split()[-1])()
     assert received(board, TORQUES.size) == run_message((0.0, 0.0))
