@@ -65,7 +65,7 @@ class BoardConnection(Connection):
         super().__init__()
         self._board, self._clock, self._broken, self._data = board, clock, broken, b""
         self._timeout, self.closed = ResponseTimeout(clock), 0
-        self._homed = self._compiled = self._tripped = False
+        self._homed = self._compiled = self._stopped = False
         self.state.ready = broken == "compiles"
         CONNECTIONS.append(self)
 
@@ -91,8 +91,8 @@ class BoardConnection(Connection):
         if self._broken == "is homed":
             state.ready = self._homed
         state.trouble = 42 * (self._broken == "never ready")
-        self._tripped |= self._broken == "trips" and float(state.p_DT_m[0]) > 0.05
-        state.ready *= not self._tripped
+        self._stopped |= self._broken == "stops" and float(state.p_DT_m[0]) > 0.05
+        state.ready *= not self._stopped
         state.buttons = 2 * (self._broken == "buttons")
         state.R_DT = ORIENTATIONS.get(self._broken, np.eye(3))
         self._timeout.check(self, "board", "reconnect it")
@@ -184,7 +184,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
         ("waits in silence", "fault: silence"),
         ("counts ticks", "fault: silence"),
         ("position", "fault: nan"),
-        ("trips", "fault: jump"),
+        ("stops", "fault: jump"),
         ("waits", "samples"),
         ("counts nothing", "samples"),
         *((name, "open") for name in ORIENTATIONS),

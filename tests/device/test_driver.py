@@ -61,7 +61,7 @@ def test_options_have_the_type_of_their_default() -> None:
             read({name: text})
 
 
-def test_handles_and_devices_are_told_apart() -> None:
+def test_a_handle_is_no_position_device() -> None:
     assert DeviceChoice("simulated").checked()[1] == {"model": "omni", "grip": "light"}
     assert DeviceChoice("audio").checked(handle=True)[0].name == "audio"
     with pytest.raises(DeviceError, match="no position: use --handle audio"):

@@ -104,7 +104,7 @@ def test_states_and_limited_forces(service: Service) -> None:
     tick(device)
     tick(device, 0.1, 0.2, 0.3)
     assert np.isnan(state.v_DT_m_s).all()
-    service.messages += [b"{}", b"{}"]  # nobody waits for these
+    service.messages += [b"{}", b"{}"]  # answers to no message of the driver
     device.close()
     assert service.closed and service.sent[-2:] == [(0.1, 0.2, 0.3), (0.0, 0.0, 0.0)] and len(service.messages) == 2
 

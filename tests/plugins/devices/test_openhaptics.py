@@ -133,7 +133,7 @@ def test_two_devices_share_the_scheduler(desk):
                 device.write()
         left.write()
         with pytest.raises(DeviceError, match="HD_COMM_ERROR"):
-            connect(name="nobody")
+            connect(name="another")
         left.write()
         assert desk.disabled == 1
     rows = desk.rows()
