@@ -125,14 +125,13 @@ else:
 def receive(line: SerialLine) -> None:
     """Append the bytes that have arrived to `line.input`; what does not fit remains in the port."""
     state, room = line.state, len(line.input) - line.state.received
-    if state.file < 0 or room == 0:
-        return
     count = _read(np.int32(state.file), np.uintp(line.input.ctypes.data + state.received), np.uintp(room))
     if count > 0:
         state.received += count
         return
     line.poll[0], line.poll[1] = state.file, 0  # a read cannot tell a disconnected port from one without data
-    if _poll(np.uintp(line.poll.ctypes.data), np.uintp(1), np.int32(0)) > 0 and line.poll[1] >> 16 & GONE_EVENTS:
+    _poll(np.uintp(line.poll.ctypes.data), np.uintp(1), np.int32(0))
+    if line.poll[1] >> 16 & GONE_EVENTS:
         state.problem = DISCONNECTED
 
 
@@ -162,7 +161,7 @@ def send(line: SerialLine, message: NDArray[np.uint8], now: int) -> None:
 @native
 def _send_unsent(line: SerialLine, now: int) -> None:
     state = line.state
-    if state.file >= 0 and state.unsent > 0:
+    if state.unsent > 0:
         count = _write(np.int32(state.file), np.uintp(line.output.ctypes.data), np.uintp(state.unsent))
         if count > 0:
             for k in range(state.unsent - count):
@@ -258,7 +257,7 @@ class SerialPort:
     def close(self, last: bytes = b"") -> None:
         """Send a last message, and close the port. Raises nothing; may be called twice."""
         with suppress(*GONE):
-            if self._serial.is_open and last:
+            if last:
                 self._put(last, CLOSE_S)
         with suppress(*GONE):
             self._serial.close()

@@ -138,7 +138,6 @@ class AudioHandle:
             for column in self._columns:
                 out[:, column] = whole
         except Exception as error:  # a programming error: play silence and report it
-            out.fill(0)
             self.fault = f"{self.name}: {type(error).__name__}: {error}"
             raise self._sound.CallbackAbort from None
 

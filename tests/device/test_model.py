@@ -17,6 +17,7 @@ from hapscene.device.model import (
     DELAY_TICKS_MAX,
     DEVICES,
     IDEAL,
+    PASSIVITY_SHARE,
     DeviceWarning,
     Limits,
     damping_for,
@@ -88,6 +89,11 @@ def test_limits_are_consistent(name, T, d, damped):
     assert needed <= limits.damping_Ns_m * (1 + 1e-3) + 1e-9
     assert limits.damping_time_s * (limits.stiffness_N_m - limits.undamped_N_m) == pytest.approx(needed, abs=1e-9)
     assert (limits.stiffness_N_m + limits.damping_Ns_m / T) * device.point.quantum_m <= device.point.c_N * (1 + 1e-9)
+    point, most = device.point, PASSIVITY_SHARE * damping_max(device.point.mass_kg, T, d)
+    assert limits.passivity_Ns_m == pytest.approx(min(most, point.c_N * T / point.quantum_m))
+    assert (limits.own_damping_Ns_m, limits.quantum_m, limits.delay_ticks) == (point.b_Ns_m, point.quantum_m, d)
+    for smooth in (replace(point, c_N=0.0), replace(point, quantum_m=0.0)):
+        assert limits_of(smooth, T, d).passivity_Ns_m == pytest.approx(most)
 
 
 def test_limits_at_1_kHz_match_published_ones():

@@ -5,8 +5,9 @@ import pytest
 
 from hapscene.device.sim.hand import GRIPS, Grip
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.motion.gestures import GESTURES, PRESS_N, STROKE_N, TOOL_KG, act, calm_time_s
+from hapscene.motion.gestures import GESTURES, PRESS_N, STROKE_N, TOOL_KG, _without_steep_ends, act, calm_time_s
 from hapscene.motion.hand_path import HOVER_M
+from hapscene.motion.look_from_above import TopView
 from hapscene.scene.scene import Scene
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
@@ -54,6 +55,23 @@ def test_gesture_approaches_from_above_and_leaves_continuously(scene: Scene, nam
     assert len(intent.grip) == len(intent.target_W_m)
     if name != "explore":
         assert np.ptp(intent.target_W_m[-round(0.5 / TICK_S) :], axis=0).max() == 0.0  # what buzzes is seen
+        assert np.ptp(intent.target_W_m[:51], axis=0).max() == 0.0
+
+
+def test_line_is_shortened_to_where_its_ends_are_gentle() -> None:
+    def look(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+        none = np.zeros(len(x_m), np.int64)
+        return TopView(heights[kind](x_m), none, none)
+
+    heights = {
+        "steep ends": lambda x_m: 10.0 * np.maximum(np.abs(x_m) - 0.03, 0.0),
+        "gentle": lambda x_m: 0.24 * x_m,
+        "steep": lambda x_m: 10.0 * x_m,
+    }
+    for kind in heights:
+        end_m = 0.03 if kind == "steep ends" else 0.05
+        ends = np.ravel(_without_steep_ends(look, ((-0.05, 0.01), (0.05, 0.01))))
+        np.testing.assert_allclose(ends, (-end_m, 0.01, end_m, 0.01), atol=1e-12)
 
 
 def test_taps_lie_along_the_line_and_a_stroke_goes_there_and_back(scene: Scene) -> None:

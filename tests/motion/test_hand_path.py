@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import PathError
+from hapscene.motion.gestures import act as gesture
 from hapscene.motion.hand_path import DEPTH_M, HOVER_M, PathBuilder, explore
 from hapscene.motion.look_from_above import TopView, look_from_above
 from hapscene.scene.mesh import Mesh
@@ -66,6 +67,16 @@ def test_acts_go_to_their_depth_and_back_in_their_time() -> None:
     assert np.count_nonzero(np.diff(ways[ways != 0.0])) == 3  # back and forth
 
 
+def test_trace_has_a_depth_in_each_row() -> None:
+    hand = PathBuilder((0.0, 0.0, 0.02), TICK_S, flat)
+    way = hand.line((0.01, 0.0), (0.06, 0.0), 0.1)
+    start, _ = hand.trace(way, np.linspace(1e-3, 3e-3, len(way)))
+    traced = hand.p_WT_m[start : start + len(way)]
+    np.testing.assert_allclose(traced[50:-50, 2], np.linspace(-1e-3, -3e-3, len(way))[50:-50], atol=1e-6)
+    assert hand.p_WT_m[start - 150, 2] == pytest.approx(HOVER_M, abs=2e-5)  # above the smoothed ends
+    assert hand.p_WT_m[-1, 2] == pytest.approx(HOVER_M, abs=5e-5)
+
+
 def test_explore_touches_every_body_smoothly_and_repeats() -> None:
     scene = make_scene()
     p_WT = explore(scene, TICK_S)
@@ -75,7 +86,7 @@ def test_explore_touches_every_body_smoothly_and_repeats() -> None:
     assert set(view.body[below]) == {0, 1}
     assert np.count_nonzero(np.diff(below.astype(int)) > 0) == 10  # two taps, a press, two strokes on each
     assert (view.z_m - p_WT[:, 2])[below].max() < 0.01
-    assert not below[0] and not below[-1]
+    assert not below[0] and not below[-1] and not np.ptp(p_WT[:101], axis=0).any()
     assert speed_m_s(p_WT).max() < 1.5
     assert 4.0 < len(p_WT) * TICK_S < 12.0
     assert not np.ptp(p_WT[-round(0.2 / TICK_S) :], axis=0).any()  # it waits in the air
@@ -85,7 +96,10 @@ def test_explore_goes_no_deeper_into_a_small_body_than_befits_it() -> None:
     for size_m, deep_m in ((0.01, 0.05 * 0.01), (0.2, DEPTH_M)):
         scene = Scene()
         scene.add(Mesh.from_trimesh(trimesh.creation.box((size_m,) * 3), "m"))
-        assert 0.5 * size_m - explore(scene, TICK_S)[:, 2].min() == pytest.approx(2 * deep_m, rel=0.1)  # the press
+        z_m, hover_m = explore(scene, TICK_S)[:, 2] - 0.5 * size_m, min(HOVER_M, 0.2 * 0.96 * size_m)
+        assert -z_m.min() == pytest.approx(2 * deep_m, rel=0.1)  # the press
+        assert (z_m[0], z_m[-1]) == pytest.approx((2 * hover_m, hover_m), rel=1e-3)
+        assert gesture("tap", scene, TICK_S).target_W_m[0, 2] - 0.5 * size_m == pytest.approx(hover_m, rel=1e-3)
         assert 0.5 * size_m - explore(scene, TICK_S, 1e-4)[:, 2].min() == pytest.approx(2e-4, rel=0.1)
 
 
@@ -116,6 +130,19 @@ def test_calm_path_starts_later_and_is_equal_on_a_flat_surface() -> None:
     assert np.array_equal(rows, calm_rows) and later > start
     assert np.array_equal(brisk.p_WT_m[start : start + len(rows)], calm.p_WT_m[later : later + len(rows)])
     assert later >= 2 * 400  # across, and down
+
+
+def test_walls_are_climbed_in_the_air_at_the_same_slope_from_both_sides() -> None:
+    def plateau(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+        none = np.zeros(len(x_m), np.int64)
+        return TopView(np.where(np.abs(x_m) < 0.00995, 0.02, 0.0), none, none)
+
+    x_m = np.concatenate((np.arange(-0.03, 0.0, 1e-4), np.arange(0.0, 0.03, 2e-4)))  # faster on the way down
+    hand = PathBuilder((-0.03, 0.0, 0.04), TICK_S, plateau)
+    start, rows = hand.trace(np.column_stack((x_m, 0.0 * x_m)), 1e-3)
+    z_m = np.interp((-0.025, -0.0133, 0.0, 0.0133, 0.025), x_m, hand.p_WT_m[start : start + len(rows), 2])
+    up_m, down_m = 0.0205 - 3.0 * (0.0133 - 0.0099), 0.0205 - 3.0 * (0.0133 - 0.0098)
+    assert z_m == pytest.approx([-1e-3, up_m, 0.019, down_m, -1e-3], abs=2e-5)
 
 
 def test_calm_path_climbs_at_most_at_stroke_speed() -> None:

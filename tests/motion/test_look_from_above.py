@@ -63,6 +63,15 @@ def test_rotated_body_is_visible_at_its_pose() -> None:
     np.testing.assert_allclose(scene.bodies[0].bounds_W_m, np.add(corner_m, (0.01, 0.0, 0.005)))
 
 
+def test_body_is_visible_up_to_its_borders_and_its_size_is_the_smaller() -> None:
+    scene = Scene()
+    scene.add(box(0.12, 0.04, 0.02), name="plate", pose=posed(0.01))
+    for x_m, y_m in ((0.0699, 0.0), (-0.0499, 0.0), (0.01, 0.0199), (0.01, -0.0199)):
+        assert look(scene, (x_m, y_m)).body.tolist() == [0]
+    ((lines, size_m),) = places_to_feel(scene, look_from_above(scene))
+    assert len(lines) == 2 and size_m == pytest.approx(0.96 * 0.04)
+
+
 @pytest.mark.parametrize(("up", "two_sided", "seen"), [(True, False, 0), (False, False, -1), (False, True, 0)])
 def test_back_faces_are_visible_only_if_two_sided(up: bool, two_sided: bool, seen: int) -> None:
     scene = Scene()

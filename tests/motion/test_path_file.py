@@ -40,6 +40,8 @@ def test_rows_off_the_ticks_are_interpolated(tmp_path: Path) -> None:
     assert t_s[0] - 1e-8 <= grid_s[0] and grid_s[-1] <= t_s[-1] + 1e-8
     np.testing.assert_allclose(p_WT[:, 0], np.sin(6 * grid_s), atol=1e-3)
     np.testing.assert_allclose(p_WT[:, 2], 0.5, atol=1e-15)
+    _, p_WT = load_path(write(tmp_path / "path.csv", "t,x,y,z\n0,0,0,0\n0.0011,1.1,0,0\n0.002,2,0,0\n"), TICK_S)
+    np.testing.assert_allclose(p_WT[:, 0], (0.0, 1.0, 2.0), atol=1e-12)
 
 
 def test_interpolation_does_not_overshoot(tmp_path: Path) -> None:
@@ -48,6 +50,13 @@ def test_interpolation_does_not_overshoot(tmp_path: Path) -> None:
     assert len(p_WT) == 51
     assert p_WT[:, 2].min() == 0.0 and p_WT[:, 2].max() == 1.0
     assert (np.diff(p_WT[:, 2]) <= 0).all()
+
+
+def test_memory_is_checked_before_the_ticks_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, asked = write(tmp_path / "path.csv", "t,x,y,z\n0,0,0,0\n0.05,0,0,0\n0.06,0,0,0\n"), []
+    monkeypatch.setattr("hapscene.motion.path_file.check_memory", lambda *given: asked.append(given[:2]))
+    assert len(load_path(path, TICK_S)[0]) == 61
+    assert asked == [(3 * 212 + 61 * 32, path.stat().st_size)]
 
 
 @pytest.mark.parametrize(
@@ -76,6 +85,15 @@ def test_invalid_path_error_names_the_row(tmp_path: Path, text: str, place: str)
     with pytest.raises(PathError) as caught:
         load_path(path, TICK_S)
     assert str(caught.value).startswith(str(path)) and place in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "path.csv", "t,x,y,z\n0,0,0,0\n0.001,0,0,0\n")
+    monkeypatch.setattr("hapscene.motion.path_file.BYTES_MAX", path.stat().st_size)
+    load_path(path, TICK_S)
+    monkeypatch.setattr("hapscene.motion.path_file.BYTES_MAX", path.stat().st_size - 1)
+    with pytest.raises(PathError, match=r"path\.csv"):
+        load_path(path, TICK_S)
 
 
 @pytest.mark.parametrize("name", ["none.csv", "."])

@@ -130,9 +130,7 @@ def joints_at(x: float, y: float, z: float) -> Vector:
     turn = min(1.0, max(-1.0, turn))
     elbow = -math.acos(turn)
     q2 = math.atan2(up, r) - math.atan2(FOREARM_M * math.sin(elbow), UPPER_M + FOREARM_M * turn)
-    if q2 < -math.pi:
-        q2 += 2.0 * math.pi
-    elif q2 > math.pi:
+    if q2 > math.pi:
         q2 -= 2.0 * math.pi
     return q1, q2, q2 + elbow + math.pi / 2.0
 

@@ -10,10 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.device.sim.omni_kinematics import (
     ELBOW_RAD,
+    FOREARM_M,
     NOMINAL_LEVER_M,
     NOMINAL_RAD,
+    SHOULDER_M,
     SHOULDER_RAD,
     SINGULAR,
+    UPPER_M,
     WAIST_RAD,
     forward,
     inverse,
@@ -102,6 +105,14 @@ def test_on_the_waist_s_axis_it_is_singular_and_finite() -> None:
     assert singular(q)
     assert singular([0.0, 0.5, 0.5 + math.pi / 2])  # stretched
     assert not singular(NOMINAL_RAD)
+
+
+def test_shoulder_s_angle_is_within_a_turn_behind_the_waist() -> None:
+    grid = np.array(np.meshgrid([0.0, 0.01], np.linspace(0.0, 0.3, 31), np.linspace(-0.2, 0.2, 41))).reshape(3, -1).T
+    q, far_m = inverse(grid), np.linalg.norm(grid - (0.0, SHOULDER_M, 0.0), axis=1)
+    assert -math.pi < q[:, 1].min() < -3.0 and 3.0 < q[:, 1].max() <= math.pi
+    within = (far_m > UPPER_M - FOREARM_M) & (far_m < UPPER_M + FOREARM_M)
+    np.testing.assert_allclose(forward(q)[within], grid[within], atol=1e-9)
 
 
 def test_data_sheet_s_workspace_is_within_reach() -> None:

@@ -26,8 +26,12 @@ from hapscene.device.sim.omni_step import (
     K8,
     K9,
     K10,
+    SPEED_MAX_RAD_S,
     STEP_MAX_S,
+    STOP_NM_RAD,
+    STOP_NMS,
     STOP_OVER_RAD,
+    _stop,
     coriolis_at,
     gravity,
     mass_matrix,
@@ -174,6 +178,24 @@ def test_stops_hold_a_firm_push(axis: int, sign: int) -> None:
     assert omni.trouble[0] & OmniFlag.AT_STOP
     if not INTERPRETED:
         assert np.all(np.abs(omni.dq) < 0.5)
+
+
+def test_stops_push_back_and_damp_compression_only() -> None:
+    for angle, speed, torque in (
+        *((0.7, 9.0, 0.0), (0.72, 2.0, -0.02 * STOP_NM_RAD - 2.0 * STOP_NMS), (0.72, -2.0, -0.02 * STOP_NM_RAD)),
+        *((-0.5, -9.0, 0.0), (-0.52, -2.0, 0.02 * STOP_NM_RAD + 2.0 * STOP_NMS), (-0.52, 2.0, 0.02 * STOP_NM_RAD)),
+    ):
+        assert _stop(angle, speed, -0.5, 0.7) == pytest.approx(torque)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_speed_of_a_joint_is_limited(sign: float) -> None:
+    omni, no_hand = FREE.record(ORIGIN), hand()
+    omni.dq = (sign * 1000.0, 0.0, 0.0)
+    advance_omni(omni[0], no_hand[0], STEP_MAX_S)
+    assert omni.dq[0, 0] == sign * SPEED_MAX_RAD_S and omni.trouble[0] & OmniFlag.SPEED_LIMITED
+    advance_omni(omni[0], no_hand[0], 1.0)
+    assert abs(omni.q[0, 0]) <= WAIST_RAD[1] + STOP_OVER_RAD
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True)

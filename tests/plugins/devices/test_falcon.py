@@ -118,8 +118,10 @@ def test_bytes_as_published() -> None:
         0,
         -1,
     ]
-    packet[12] = ord("Q")
-    assert not falcon_board.is_packet(packet)
+    for at, byte in ((0, 0x3D), (1, 0x40), (12, 0x51), (13, 0x40), (13, 0xC1), (15, 0x3D)):
+        wrong = packet.copy()
+        wrong[at] = byte
+        assert not falcon_board.is_packet(wrong), at
 
 
 class Bus:
@@ -305,7 +307,9 @@ class Usb:
         self.falcon, self.loaded, self.baud, self.image, self.echo, self.zero = falcon, False, 0, b"", 1, b""
         self.asked: list[tuple[int, int]] = []
         self.out: list[bytes] = []
-        self.last: tuple[Any, ...] = ()
+        self.last: tuple[Any, ...] | None = None  # what was sent before it was closed
+        self.written: list[bytes] = []
+        self.ended = 0
         self.buses: list[Bus] = []
 
     def control(self, request: int, value: int) -> None:
@@ -313,7 +317,8 @@ class Usb:
         self.baud = value if request == 3 else self.baud
 
     def write(self, endpoint: int, data: bytes) -> None:
-        self.last = endpoint, data
+        assert endpoint == 0x02
+        self.written.append(data)
         if self.baud == 0x4138:
             self.out.append(self.zero + b"\x0a\x44\x2c\x0d" if data == b"\x0a\x43\x0d" else b"?")
         elif self.baud == 0x15:
@@ -332,7 +337,7 @@ class Usb:
         return SimpleNamespace(line=self.falcon.bus.line, wait=lambda *which: None)
 
     def end_transfers(self) -> None:
-        pass
+        self.ended += 1
 
     def close(self, *last: Any) -> None:
         self.last = last
@@ -362,12 +367,13 @@ def test_boot_handshake_upload_and_run(usb: Usb, zero: bytes, tmp_path: Path) ->
     assert usb.last == (0x02, falcon_board.REST)
     run = [(9, 1), (3, 2), (0, 1), (0, 2)]
     boot = [(0, 1), (0, 2), (9, 16), (3, 0x4138), (4, 8), (2, 0), (1, 0x200), (1, 0x100), (1, 0x101)]
-    assert usb.asked == [*run, *boot, (1, 0x100), (3, 0x15), *run]
+    assert usb.asked == [*run, *boot, (1, 0x100), (3, 0x15), *run] and usb.ended == 1
     usb.asked.clear()
+    usb.written.clear()
     with DRIVER.open():  # it runs already
         assert usb.asked == run
     DRIVER.release()
-    assert usb.asked == 2 * run and usb.last == ()
+    assert usb.asked == 2 * run and usb.written == [falcon_board.REST] * 2 and usb.last == ()
 
 
 @pytest.mark.parametrize(("size", "message"), [(0, "firmware="), (999, "999 bytes"), (65_537, "65,537"), (2, "read")])
@@ -392,3 +398,8 @@ def test_errors_while_the_firmware_is_loaded(usb: Usb, tmp_path: Path, monkeypat
     monkeypatch.setattr(usb, "write", lambda *sent: None)
     with pytest.raises(DeviceError, match="boot loader"):
         DRIVER.open(firmware=str(tmp_path / "firmware"))
+    for problem, words in ((DISCONNECTED, "disconnected"), (REFUSED, "accepts no data")):
+        usb.falcon.bus.line.state.problem, usb.last = problem, None
+        with pytest.raises(DeviceError, match=words):
+            DRIVER.open()
+        assert usb.last == ()

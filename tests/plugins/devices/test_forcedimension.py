@@ -75,6 +75,9 @@ def test_velocity_orientation_and_gripper(desk):
         assert np.array_equal(state.v_DT_m_s, (0.2, -0.1, 0.3)) and state.gripper_rad == 0.4
         assert np.allclose(state.R_DT[:, 2], turn @ R[:, 0], atol=1e-15)  # the handle, towards the hand
         assert np.linalg.det(state.R_DT) == pytest.approx(1.0)
+        before, desk.transform[1] = state.R_DT.copy(), 5.0
+        device.read()
+        assert np.array_equal(state.R_DT, before)
 
 
 def test_forces_on_the_wire(desk, device):
@@ -93,6 +96,21 @@ def test_settings_on_opening(desk):
     with connect(gravity="no"):
         pass
     assert desk.tried.decode() == "weight;stop;" and (desk.watchdog, desk.most_force) == (WATCHDOG_STEPS, 8.0)
+    assert len(desk.rows()) == 2 and (desk.started, desk.disabled) == (0, 1)
+
+
+def test_closing_and_release_set_zero_force(desk, device):
+    device.state.f_D_N = (1.0, 0.0, 0.0)
+    device.write()
+    device.write()
+    assert desk.rows()["force"][-2:].any(axis=1).all()
+    device.close()
+    device.close()
+    rows = desk.rows()
+    assert not rows["force"][-1].any() and rows["force"][-2].any() and (desk.started, desk.disabled) == (0, 1)
+    assert desk.tried.decode().endswith(";stop;")
+    DRIVER.release(**DRIVER.read_options({"library": emulator("dhd")}))
+    assert len(desk.rows()) == len(rows) + 2 and (desk.started, desk.disabled) == (0, 2)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """A board on USB's bulk endpoints, behind a backend of pyusb that has one plugged in."""
 
+import errno
 import sys
 import threading
 from collections.abc import Iterator
@@ -9,12 +10,14 @@ import numpy as np
 import pytest
 
 pytest.importorskip("usb", reason="no pyusb: extra `usb`")
+import usb.core
 
-from hapscene.errors import HandleError
+from hapscene.errors import DeviceError, HandleError
 from hapscene.handle import board as live_board
 from hapscene.handle.live_process import compensator_of, open_output, play_recording
 from hapscene.handle.live_stream import LiveStream
 from hapscene_plugins.devices.handle_usb import DRIVER
+from hapscene_plugins.devices.usb_device import UsbDevice
 from tests.handle import usb_board
 from tests.virtual_clock import PATIENCE_S
 
@@ -137,6 +140,64 @@ def test_a_board_with_one_endpoint_is_refused(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(usb_board.Backend, "ends", (0x81,))
     with pytest.raises(HandleError, match="endpoint"):
         open_output("usb", {"backend": BACKEND})
+
+
+@pytest.mark.parametrize(
+    ("error", "system", "words"),
+    [
+        (usb.core.USBError("Resource busy", errno=errno.EBUSY), "linux", "close the other program"),
+        (usb.core.USBError("Access denied", errno=errno.EACCES), "linux", '"16c0", ATTR{idProduct}=="05dc"'),
+        (NotImplementedError("Operation not supported"), "win32", "install the driver WinUSB"),
+    ],
+)
+def test_an_error_on_opening_names_a_remedy(
+    error: Exception, system: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*given: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(usb_board.Backend, "set_configuration", refuse)
+    with pytest.raises(HandleError) as caught:
+        open_output("usb", {"backend": BACKEND})
+    assert str(caught.value).startswith(f"usb: cannot be opened: {error}; ") and words in str(caught.value)
+    monkeypatch.setattr(usb_board.Backend, "get_configuration", refuse)
+    (found,) = DRIVER.find(backend=BACKEND)
+    assert found.trouble == f"USB 1:1: cannot be opened: {error}" and words in found.remedy
+
+
+def test_a_device_is_taken_from_the_system_and_returned(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    for name in ("detach_kernel_driver", "set_configuration", "claim_interface", "release_interface", "close_device"):
+        monkeypatch.setattr(usb_board.Backend, name, lambda *given, name=name: calls.append(name), raising=False)
+    monkeypatch.setattr(usb_board.Backend, "is_kernel_driver_active", lambda *given: True)
+    device = UsbDevice("toy", *usb_board.Backend.ids, BACKEND)
+    device.close()
+    device.close()
+    taken = ["detach_kernel_driver", "set_configuration", "claim_interface"]
+    assert calls == [*taken, "release_interface", "close_device"]
+    calls.clear()
+    (found,) = DRIVER.find(backend=BACKEND)
+    assert (found.where, found.trouble, found.remedy, calls) == ("USB 1:1", "", "", ["close_device"])
+
+
+def test_errors_of_a_transfer(plugged_in: usb_board.Backend, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = UsbDevice("toy", *plugged_in.ids, BACKEND)
+    asked: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(plugged_in, "ctrl_transfer", lambda handle, *given: asked.append(given[:4]) or 0)
+    device.control(3, 0x4138)
+    assert asked == [(0x40, 3, 0x4138, 0)]
+    monkeypatch.setattr(plugged_in, "bulk_write", lambda *given: 2)
+    with pytest.raises(DeviceError, match="toy: accepted only 2 of 3 bytes"):
+        device.write(0x02, b"abc")
+    with pytest.raises(DeviceError, match=r"toy: .*libusb1"):
+        device.transfers((0x81, 0x02))
+    plugged_in.unplugged = True
+    monkeypatch.undo()
+    for call in (lambda: device.read(0x81, 64, 1), lambda: device.write(0x02, b"abc")):
+        with pytest.raises(DeviceError, match="toy: disconnected"):
+            call()
+    device.close(0x02, b"last")  # raises nothing
 
 
 def test_a_board_is_listed_and_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

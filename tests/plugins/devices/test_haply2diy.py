@@ -14,6 +14,7 @@ from hapscene.errors import DeviceError
 from hapscene_plugins.devices.haply2diy import DRIVER
 from hapscene_plugins.devices.haply2diy_board import ANSWER, HARDWARE, ID, MIDDLE_M, TORQUES, run_message, setup_message
 from hapscene_plugins.devices.haply2diy_kinematics import TORQUE_MAX_N_m, arm_torques, forward
+from tests.virtual_clock import PATIENCE_S
 
 
 def test_setup_is_by_port() -> None:
@@ -51,6 +52,19 @@ def test_a_missing_port_is_an_error(tmp_path) -> None:
     assert "no such port" in found.trouble and "--option port" in found.remedy
 
 
+STARTED = setup_message(HARDWARE["v3"]) + run_message((0.0, 0.0))
+"""What the board receives first."""
+
+
+def received(board: int, count: int) -> bytes:
+    """The next bytes that the board receives; a pseudo-terminal may deliver them in parts."""
+    data = b""
+    while len(data) < count:
+        with suppress(BlockingIOError):
+            data += os.read(board, count - len(data))
+    return data
+
+
 @pytest.fixture
 def wire() -> Iterator[tuple[int, Any]]:
     """The board's end of a serial line, and a connection whose arms are at their marks."""
@@ -60,7 +74,7 @@ def wire() -> Iterator[tuple[int, Any]]:
     os.set_blocking(ours, False)
     with DRIVER.open(port=os.ttyname(theirs), homed=True) as device:
         os.close(theirs)
-        os.read(ours, 4096)  # the setup message
+        assert received(ours, len(STARTED)) == STARTED
         yield ours, device
     with suppress(OSError):
         os.close(ours)
@@ -101,6 +115,23 @@ def test_torques_of_the_force(wire: tuple[int, Any]) -> None:
         device.write()
         sent = TORQUES.unpack(os.read(board, 4096))[:1:-1]
         np.testing.assert_allclose(sent, arm_torques(f_H_N, p, (first, second), HARDWARE["v3"].base_m), atol=1e-6)
+    port = device._port.name.split()[-1]
+    for stop in (device.close, lambda: DRIVER.release(port=port)):
+        stop()
+        assert received(board, TORQUES.size) == run_message((0.0, 0.0))
+
+
+def test_force_needs_arms_that_were_at_their_marks(wire: tuple[int, Any]) -> None:
+    board, device = wire
+    device._board.homed = 0
+    os.write(board, answer(121.0))
+    device.read()
+    assert (device.state.ready[0], device.state.trouble[0]) == (0, 1) and "calibrated" in device.reason(1)
+    device.home()
+    assert received(board, len(STARTED)) == STARTED
+    os.write(board, answer(150.0))  # no jump: the board counts from the marks
+    device.read()
+    assert (device.state.ready[0], device.state.trouble[0], device.reason(0)) == (1, 0, "")
 
 
 def test_implausible_angles_are_not_used(wire: tuple[int, Any]) -> None:
@@ -172,9 +203,7 @@ def test_prepared_release_sends_a_complete_message_in_parts(
     board, device = wire
     assert DRIVER.prepare_release is not None
     write = os.write
+    monkeypatch.setattr("hapscene.device.serial_port.WRITE_S", PATIENCE_S)  # on a busy machine
     monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:3]))  # the port is nearly full
     DRIVER.prepare_release(port=device._port.name.split()[-1])()
-    received, message = b"", run_message((0.0, 0.0))
-    while len(received) < len(message):  # a pseudo-terminal may deliver it in parts
-        received += os.read(board, 100)
-    assert received == message
+    assert received(board, TORQUES.size) == run_message((0.0, 0.0))

@@ -1,12 +1,15 @@
 """The Inverse3 driver: messages as published, in both versions; states, grips and faults of the service."""
 
 import json
+import socket
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 from hapscene.errors import DeviceError
@@ -99,8 +102,18 @@ def test_states_and_limited_forces(service: Service) -> None:
         tick(device)
         assert state.p_DT_m[0] == pytest.approx(0.01)
     assert state.count == 4  # the answer to the last good one
+    service.state = {"cursor_position": xyz(0.06, -0.13, 0.16)}
+    tick(device)
+    tick(device, 0.1, 0.2, 0.3)
+    assert np.isnan(state.v_DT_m_s).all()
+    service.messages += [b"{}", b"{}"]  # answers to no message of the driver
     device.close()
-    assert service.closed and service.sent[-1] == (0.0, 0.0, 0.0)
+    assert service.closed and service.sent[-2:] == [(0.1, 0.2, 0.3), (0.0, 0.0, 0.0)] and len(service.messages) == 2
+
+
+def test_release_sends_zero_and_closes(service: Service) -> None:
+    DRIVER.release()
+    assert service.closed and service.sent == [(0.0, 0.0, 0.0)] * 2
 
 
 @pytest.mark.parametrize(
@@ -126,7 +139,7 @@ def test_no_force_unless_the_device_is_ready(service: Service, status: Any, tran
 
 def test_ignored_forces_are_reported(service: Service) -> None:
     service.state["current_cursor_force"] = xyz(0.0, 0.0, 0.0)
-    device = Inverse3Connection(clock=VirtualClock())
+    device = Inverse3Connection(clock=(clock := VirtualClock()))
     for force_N, ticks, trouble in (
         (0.09, inverse3.IGNORED_COUNT + 5, 0),
         (0.2, inverse3.IGNORED_COUNT + 1, 0),
@@ -134,6 +147,7 @@ def test_ignored_forces_are_reported(service: Service) -> None:
     ):
         for _ in range(ticks):
             tick(device, force_N, 0.0, 0.0)
+            clock.sleep_s(0.01)  # while it answers, no time is too long
         assert (device.state.trouble[0], device.state.ready[0]) == (trouble, 1)
     service.state["current_cursor_force"] = xyz(0.2, 0.0, 0.0)
     tick(device, 0.2, 0.0, 0.0)
@@ -182,15 +196,32 @@ def test_values_of_messages() -> None:
     assert numbers({"p": xyz(1, 2.5, 1e7)}, "p") is None and numbers({}, "p") is None
 
 
+def test_a_service_that_does_not_complete_the_connection_is_left() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        with pytest.raises(DeviceError, match="no answer"):
+            Link(f"ws://127.0.0.1:{server.getsockname()[1]}", 0.01)
+        request = server.accept()[0].makefile("rb").read()  # to the end of the connection
+        assert request.startswith(b"GET ")
+
+
+ENDED = threading.Event()
+"""The service's ping was answered, and the connection ended with the protocol's closing message."""
+
+
 @pytest.fixture
 def uri() -> Iterator[str]:
     """The address of a service that sends a message in parts, and returns what it receives."""
 
     def talk(socket: Any) -> None:
-        socket.send(iter(['{"inve', 'rse3":', " 5}"]))
-        for message in socket:
-            socket.send(message)
+        with suppress(ConnectionClosed):
+            socket.send(iter(['{"inve', 'rse3":', " 5}"]))
+            answered = socket.ping().wait(20.0)
+            for message in socket:  # raises where the connection ends without a last message
+                socket.send(message)
+            if answered:
+                ENDED.set()
 
+    ENDED.clear()
     with serve(talk, "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
@@ -206,10 +237,13 @@ def test_messages_over_a_network(uri: str) -> None:
         complete = (message for message in iter(lambda: link.receive(20.0), 0) if message is not None)
         assert next(complete) == b'{"inverse3": 5}'
         assert link.receive(1e-3) is None
+        assert link._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
         texts = ("", "force", 70_000 * "f", "last")  # the third takes more than one read
         for text in texts:
             link.send(text.encode())
         assert [next(complete) for _ in texts] == [text.encode() for text in texts]
+    assert ENDED.wait(20.0)
     with pytest.raises(OSError):
         link.send(b"after the end")
     link.close()
+    assert link._socket.fileno() == -1

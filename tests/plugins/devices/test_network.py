@@ -14,7 +14,7 @@ import pytest
 
 from hapscene.bridge.packets import BYE, FRAME, HELLO, REFUSED, STATE, WELCOME, Frame, Packet, pack, unpack
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.network import DRIVER, FORCE_N, SILENT, WAITING
+from hapscene_plugins.devices.network import DRIVER, FORCE_N, GONE_S, SILENT, WAITING
 from tests.virtual_clock import VirtualClock
 
 _FILE = Path(__file__).parents[2] / "bridge" / "client_packets.py"
@@ -81,13 +81,13 @@ def client(device: Any) -> Iterator[Client]:
 
 def test_aim_is_the_tool_and_the_state_the_force_in_the_client_s_frame(device: Any, client: Client) -> None:
     turn(device)
-    assert device.state.ready[0] == 0 and device.state.trouble[0] == WAITING
+    assert device.state.ready[0] == 0 and "no client" in device.reason(int(device.state.trouble[0]))
     assert client.hello().kind == WELCOME
     client.frame(1.0, 2.0, 3.0)
     turn(device, (1.0, 2.0, -1.0))
     answer = client.receive()
     state = client_packets.unpack_state(answer.payload)
-    assert (answer.kind, answer.sequence) == (STATE, client.sequence)
+    assert (answer.kind, answer.sequence, state.tick) == (STATE, client.sequence, 3)
     np.testing.assert_allclose(device.state.p_DT_m[0], (0.1, 0.3, 0.2))  # Unity: y up, z away
     np.testing.assert_allclose(state.force, (1.0, -1.0, 2.0))
     np.testing.assert_allclose(state.tool, (1.0, 2.0, 3.0))
@@ -100,6 +100,16 @@ def test_force_is_within_the_limit_and_none_that_is_none(device: Any, client: Cl
         client.frame(0.0, 0.0, 0.0)
         turn(device, f_D_N)
         assert np.linalg.norm(client_packets.unpack_state(client.receive().payload).force) == pytest.approx(size)
+    client.frame(0.0, 0.0, 0.0)
+    turn(device, (1.0, 0.0, 0.0))
+    turn(device, (2.0, 0.0, 0.0))  # a change waits for the next FRAME
+    turn(device)  # but not the end of the force
+    turn(device)
+    forces = [np.linalg.norm(client_packets.unpack_state(client.receive().payload).force) for _ in range(2)]
+    assert forces == [1.0, 0.0]
+    client.socket.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        client.receive()
 
 
 def test_silent_client_gets_no_force_until_it_resumes(device: Any, client: Client, clock: VirtualClock) -> None:
@@ -132,8 +142,11 @@ def test_places_that_are_none_and_packets_that_come_late_change_nothing(device: 
     assert device.state.count[0] == 1
 
 
-def test_one_client_at_a_time(device: Any, client: Client) -> None:
-    client.hello()
+def test_one_client_at_a_time(device: Any, client: Client, clock: VirtualClock) -> None:
+    refused = client.hello(version=2)
+    assert refused.kind == REFUSED and b"version" in refused.payload and refused.key == 0
+    key = client.hello().key
+    assert client.hello().key == key != 0  # its answer was lost
     other = Client(device)
     refused = other.hello(nonce=6)
     assert refused.kind == REFUSED and b"another client is here" in refused.payload
@@ -141,6 +154,10 @@ def test_one_client_at_a_time(device: Any, client: Client) -> None:
     other.frame(0.0, 0.0, 0.0)
     turn(device)
     assert other.receive().kind == REFUSED and device.state.ready[0] == 0
+    clock.sleep_s(GONE_S - 1e-6)
+    assert other.hello(nonce=6).kind == REFUSED
+    clock.sleep_s(1e-6)
+    assert other.hello(nonce=6).kind == WELCOME and other.key not in (0, key)
     other.close()
 
 
@@ -151,6 +168,7 @@ def test_closing_sends_zero_force_and_bye(client: Client) -> None:
     assert np.any(client_packets.unpack_state(client.receive().payload).force)
     client.device.close()
     client.device.close()
+    assert client.device._socket.fileno() == -1
     assert not np.any(client_packets.unpack_state(client.receive().payload).force)
     assert client.receive().kind == BYE
 

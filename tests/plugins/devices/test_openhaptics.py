@@ -55,11 +55,11 @@ def device(desk: Desk) -> Iterator[OpenHapticsConnection]:
         yield opened
 
 
-def serve(device: OpenHapticsConnection, *wanted: float) -> BoundCall:
+def serve(device: OpenHapticsConnection, *wanted: float) -> None:
     """Schedule `push`; a force and a stiffness."""
     tick = BoundCall(push, (device.state, np.array([*wanted, 0.0, 0.0, 0.0, 0.0][:4])))
+    device.tick = tick  # type: ignore[attr-defined]  # the library calls it as long as the device is open
     device.schedule(tick.address, tick.context)
-    return tick
 
 
 def pass_frames(count: int, seed: int = 0) -> None:
@@ -115,12 +115,30 @@ def test_forces_on_the_wire(desk, device):
         assert np.array_equal(desk.rows()[-1]["force"], (0.0, 0.0, 0.0))
 
 
-def test_force_is_limited_to_the_maximum_of_the_device(desk):
-    lay(desk, most_force=1.5)
+@pytest.mark.parametrize(("most_N", "sent_N"), [(1.5, 1.5), (0.0, 3.3), (9.0, 3.3)])
+def test_force_is_limited_to_the_maximum_of_the_device(desk, most_N, sent_N):
+    lay(desk, most_force=most_N)
     with connect() as device:
-        device.state.f_D_N = (3.0, 0.0, 0.0)
+        device.state.f_D_N = (5.0, 0.0, 0.0)
         device.write()
-        assert np.allclose(desk.rows()[-1]["force"], (1.5, 0.0, 0.0))
+        assert np.allclose(desk.rows()[-1]["force"], (sent_N, 0.0, 0.0))
+
+
+def test_two_devices_share_the_scheduler(desk):
+    lay(desk, name=b"left", second=b"right")
+    with connect(runs=False, name="left") as left:
+        with connect(runs=False, name="right") as right:
+            for device, f_x in ((left, 1.0), (right, 2.0), (left, 3.0)):
+                device.state.f_D_N = (f_x, 0.0, 0.0)
+                device.write()
+        left.write()
+        with pytest.raises(DeviceError, match="HD_COMM_ERROR"):
+            connect(name="another")
+        left.write()
+        assert desk.disabled == 1
+    rows = desk.rows()
+    assert rows["device"].tolist() == [0, 1, 0, 1, 0, 0, 0] and (desk.started, desk.disabled) == (0, 2)
+    assert rows["force"][:, 0].tolist() == [1.0, 2.0, 3.0, 0.0, 3.0, 3.0, 0.0]
 
 
 def test_vendor_thread_runs_the_tick(desk, device):
@@ -166,6 +184,16 @@ def test_encoders_are_reset_only_on_request(desk):
     with connect(reset="yes") as device:
         device.read()
         assert device.state.ready == 1
+    desk.set(style=4)
+    with pytest.raises(DeviceError, match="encoders: HD_INVALID_OPERATION"):
+        connect(reset="yes")
+
+
+@pytest.mark.parametrize("priority", ["-1", "65536"])
+def test_invalid_priority_is_refused(desk, priority):
+    with pytest.raises(DeviceError, match=f"priority={priority}"):
+        connect(priority=priority)
+    assert desk.tried == b""
 
 
 @pytest.mark.parametrize("code", [*ERRORS, 0x0777])
@@ -293,7 +321,9 @@ def test_missing_device_error_lists_the_tried_names(desk, monkeypatch):
     assert (found.where, found.trouble, int(desk.started)) == ("Touch 2007", "", 0)
 
 
-@pytest.mark.parametrize("function", ["hdEnable", "hdSetSchedulerRate", "hdStartScheduler", "hdScheduleAsynchronous"])
+@pytest.mark.parametrize(
+    "function", ["hdGetIntegerv", "hdEnable", "hdSetSchedulerRate", "hdStartScheduler", "hdScheduleAsynchronous"]
+)
 def test_errors_of_the_library_are_reported(desk, function):
     lay(desk, refuse=function.encode(), refuse_code=0x0600)
     with pytest.raises(DeviceError, match="HD_INVALID_LICENSE"), connect() as device:
@@ -372,6 +402,15 @@ def test_release_gives_zero_to_a_device_whose_driver_was_killed(desk):
     assert np.array_equal(desk.rows()["force"][-1], (1.0, 0.0, 0.0))
     DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
     assert not desk.rows()["force"][-1].any()
+
+
+def test_release_gives_zero_force(desk):
+    lay(desk)
+    DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
+    rows = desk.rows()
+    assert len(rows) == 1 and rows["ready"].all() and not rows["force"].any()
+    assert (desk.started, desk.disabled, desk.tried) == (0, 1, b"NULL;force;")
+    connect().close()  # nothing is left
 
 
 def test_release_says_where_no_zero_was_given(desk):

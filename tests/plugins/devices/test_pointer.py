@@ -1,6 +1,7 @@
 """The device `pointer`, moved over its link, without a page."""
 
 import socket
+import urllib.parse
 from collections.abc import Iterator
 
 import numpy as np
@@ -63,7 +64,24 @@ def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monke
         landed = int(np.argmax(way[:, 2] < 0.004))
         assert landed <= 12
         assert 0.02 < (way[landed - 1, 2] - way[landed, 2]) / 1e-3 < 0.1  # as fast as a light tap [m/s]
-        assert pointer.state.buttons[0] == 1
+        assert pointer.state.buttons[0] == 1 and pointer.state.count[0] == 105
+        link.lift(0)
+        walk(pointer, 1)
+        assert pointer.state.buttons[0] == 0
+    assert pointer._socket.fileno() == -1
+
+
+def test_movement_between_two_places_lasts_as_long_as_between_their_times(
+    link: PointerLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """8 ms at first; then a quarter of each difference, of which none counts as less than 2 or more than 40 ms."""
+    with connected(link, monkeypatch) as pointer:
+        spans = [pointer._span]
+        for k, ticks in enumerate((1, 200, 1, 20)):
+            link.press(0, (1e-4 * k, 0.0, 0.0), UP, UP, 0.001)
+            walk(pointer, ticks)
+            spans.append(pointer._span)
+        assert spans == pytest.approx([8.0, 8.0, 6.5, 14.875, 11.65625])
 
 
 def test_a_touch_from_the_side_comes_and_goes_along_the_line_of_sight(
@@ -127,7 +145,10 @@ def test_touch_ends_with_the_application(link: PointerLink, monkeypatch: pytest.
         link.press(0, (0.0, 0.0, 0.0), UP, UP, 0.002)
         assert walk(pointer, 240)[-1, 2] < 0.0
         link.close()
+        said: list[int] = []
+        monkeypatch.setattr(pointer, "_say_hello", lambda: said.append(int(pointer.state.count[0])))
         assert walk(pointer, 20)[-1, 2] == CLEAR_M
+        assert said == list(range(250, 260))  # to a server that starts again
 
 
 def test_datagrams_of_others_are_ignored(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,8 +178,12 @@ def test_a_missing_server_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene_plugins.devices.pointer.HELLO_S", 0.05)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
+        closed: list[PointerConnection] = []
+        monkeypatch.setattr(PointerConnection, "close", lambda pointer: closed.append(pointer))
         with pytest.raises(DeviceError, match="pointer"):
             hapscene.device.open("pointer", door=taken.getsockname()[1])
+        assert len(closed) == 1
+        closed[0]._socket.close()
 
 
 def test_alone_it_opens_a_page_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
@@ -166,6 +191,10 @@ def test_alone_it_opens_a_page_of_its_own(capsys: pytest.CaptureFixture[str]) ->
     with hapscene.device.open("pointer") as pointer:
         assert "http://127.0.0.1:" in capsys.readouterr().out
         page = pointer._page  # type: ignore[attr-defined]
+        place = "127.0.0.1", urllib.parse.urlsplit(page.url).port
+        socket.create_connection(place).close()
         page.take(1, {"points": [[1, [0.04, 0.0, 0.5], [0.0, 0.0, -1.0], 0.5]]})
         assert walk(pointer, 100)[-1] == pytest.approx([0.04, 0.0, -0.0015], abs=1e-5)  # type: ignore[arg-type]
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(place)
     assert DRIVER.force is False

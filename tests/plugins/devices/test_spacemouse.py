@@ -13,11 +13,15 @@ import pytest
 from hapscene.errors import DeviceError
 from hapscene_plugins.devices.spacemouse import DRIVER
 
+CALLS: list[Any] = []
+"""Of the device: paths that were opened, modes, and closings."""
+
 
 @pytest.fixture
 def reports(monkeypatch: pytest.MonkeyPatch) -> deque[Any]:
     """What the device is going to send; an error is raised."""
     queue: deque[Any] = deque()
+    CALLS.clear()
 
     def read(size: int) -> list[int]:
         report = queue.popleft() if queue else b""
@@ -26,13 +30,17 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> deque[Any]:
         return list(report)
 
     def open_path(path: bytes) -> None:
+        CALLS.append(path)
         if "refused" in queue:
             raise OSError("open failed")
 
-    device = SimpleNamespace(open_path=open_path, set_nonblocking=lambda on: 0, read=read, close=lambda: None)
+    device = SimpleNamespace(
+        open_path=open_path, set_nonblocking=CALLS.append, read=read, close=lambda: CALLS.append("close")
+    )
     plugged = {"vendor_id": 0x256F, "product_id": 0xC635, "path": b"1", "product_string": "SpaceMouse Compact"}
     others = [plugged | {"product_id": 1}, plugged | {"usage_page": 1, "usage": 6}]
-    hid = SimpleNamespace(enumerate=lambda: [*others, plugged], device=lambda: device)
+    nameless = {"vendor_id": 0x046D, "product_id": 0xC62B, "path": b"2", "usage_page": 1, "usage": 8}
+    hid = SimpleNamespace(enumerate=lambda: [*others, plugged, nameless], device=lambda: device)
     monkeypatch.setitem(sys.modules, "pretended_hid", hid)  # type: ignore[arg-type]
     return queue
 
@@ -61,8 +69,15 @@ def test_deflection_moves_the_point_at_a_speed(rest: bytes, reports: deque[Any])
 
 
 def test_buttons(reports: deque[Any]) -> None:
+    long = b"\x03" + 8 * b"\x01"
     with opened() as device:
-        for report, buttons in ((b"\x03\x02", 2), (b"\x03\x01\x01\x00\x00", 257), (b"\x03\x00", 0)):
+        for report, buttons in (
+            (b"\x03\x02", 2),
+            (b"\x03\x01\x01\x00\x00", 257),
+            *((invalid, 257) for invalid in (b"\x03", long, b"\x02\x05")),
+            (long[:-1], 0x01010101),
+            (b"\x03\x00", 0),
+        ):
             reports.append(report)
             device.read()
             assert device.state.buttons[0] == buttons
@@ -80,16 +95,18 @@ def test_invalid_reports_do_not_move_it_beyond_its_reach(reports: deque[Any]) ->
 def test_disconnected_refused_and_missing_devices_are_errors(
     reports: deque[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert [found.where for found in DRIVER.find(backend="pretended_hid")] == ["SpaceMouse Compact"]
+    places = [found.where for found in DRIVER.find(backend="pretended_hid")]
+    assert places == ["SpaceMouse Compact", "SpaceNavigator"] and CALLS == [b"1", "close", b"2", "close"]
     with opened() as device:
         reports.append(OSError("read error"))
         with pytest.raises(DeviceError, match="spacemouse: disconnected"):
             device.read()
+    assert CALLS[4:] == [b"1", 1, "close"]
     reports.append("refused")
     with pytest.raises(DeviceError, match=r"cannot be opened.*udev"):
         opened()
-    (found,) = DRIVER.find(backend="pretended_hid")
-    assert found.trouble and "uaccess" in found.remedy
+    for found in DRIVER.find(backend="pretended_hid"):
+        assert found.trouble and "uaccess" in found.remedy
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(DeviceError, match=r"pip install 'hapscene\[hid\]'"):
         DRIVER.open()

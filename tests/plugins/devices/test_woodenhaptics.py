@@ -21,7 +21,7 @@ from hapscene_plugins.devices.woodenhaptics import (
     forward,
 )
 from tests.nightly.plugins.devices.conftest import EMULATORS
-from tests.until import until
+from tests.until import PATIENCE_S, until
 
 SIGNS = (1.0, -1.0, -1.0)
 """Directions of the motors by default."""
@@ -93,6 +93,21 @@ def test_reads_and_writes_use_their_own_endpoints(tmp_path: Path, monkeypatch: p
         device.state.f_D_N = 0.0, 0.0, 1.0
         zero = REPORT.pack(0, 0, 0, 0)  # also sent while it waits for a position after a pause
         until(lambda: device.write() or any(report != zero for _, report in board.written))
+        count = int(device.state.count[0])
+        monkeypatch.setattr("hapscene_plugins.devices.usb_connection.WRITE_S", PATIENCE_S)
+        device._board.polled_ns -= 10**9
+        device.read()  # waits for a position from after the pause
+        assert device.state.count[0] > count and device.state.f_D_N[0].tolist() == [0.0, 0.0, 1.0]
+    with DRIVER.open(backend="usb_wire") as device:
+        until(lambda: device.read() or device.state.count[0])
+        assert (device.state.ready[0], device.state.trouble[0]) == (0, 1) and "calibrated" in device.reason(1)
+        device.home()
+        until(lambda: device.read() or device.state.ready[0])
+        np.testing.assert_allclose(device.state.p_DT_m[0], (0.0, -0.025, 0.205), atol=1e-12)
+        assert device.state.trouble[0] == 0 and device.reason(0) == ""
+    count = len(board.written)
+    DRIVER.release(backend="usb_wire")
+    assert board.written[count:] == [(0x02, zero)]
     assert board.read_from == {0x81}
     assert {endpoint for endpoint, _ in board.written} == {0x02} and board.written[-1][1] == zero
     forces = {REPORT.unpack(report)[:3] for _, report in board.written if report != zero}

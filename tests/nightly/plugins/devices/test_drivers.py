@@ -1,7 +1,5 @@
 """Contract of all drivers: force only while the device is ready, and zero force however the driver ends."""
 
-import errno
-import importlib
 import signal
 import subprocess
 import sys
@@ -208,43 +206,3 @@ def test_find_lists_it(case: Case, emulate) -> None:
     emulated = emulate(case.name)
     found = case.driver.find(**case.filled(emulated.place))
     assert len(found) == 1 and found[0].where and found[0].trouble == found[0].remedy == ""
-
-
-def test_a_missing_permission_names_the_udev_rule(emulate) -> None:
-    emulate("falcon").set(refused=1)
-    driver = Case("falcon", {}).driver
-    (found,) = driver.find(backend="usb_wire")
-    assert "Access denied" in found.trouble and 'ATTR{idVendor}=="0403"' in found.remedy
-    with pytest.raises(DeviceError, match=r"falcon: cannot be opened.*udev"):
-        driver.open(backend="usb_wire")
-
-
-@pytest.mark.parametrize(
-    ("error", "system", "words"),
-    [
-        (OSError(errno.EBUSY, "Resource busy"), "linux", "Resource busy; close the other program"),
-        (NotImplementedError("Operation not supported"), "win32", "not supported; install the driver WinUSB"),
-    ],
-)
-def test_an_error_on_opening_names_a_remedy(error, system, words, emulate, monkeypatch) -> None:
-    emulate("falcon")
-    backend = importlib.import_module("usb_wire").Backend
-
-    def refuse(*arguments: Any) -> None:
-        raise error
-
-    monkeypatch.setattr(backend, "set_configuration", refuse)
-    monkeypatch.setattr(sys, "platform", system)
-    with pytest.raises(DeviceError, match=f"^falcon: cannot be opened: .*{words}"):
-        Case("falcon", {}).driver.open(backend="usb_wire")
-
-
-@pytest.mark.parametrize("name", ["falcon", "woodenhaptics"])
-def test_second_close_does_not_open_the_device(name: str, emulate, monkeypatch) -> None:
-    emulate(name)
-    backend, opened = importlib.import_module("usb_wire").Backend, []
-    monkeypatch.setattr(backend, "open_device", lambda self, device: opened.append(device) or device)
-    device = Case(name, {}).driver.open(backend="usb_wire")
-    device.close()
-    device.close()
-    assert len(opened) == 1

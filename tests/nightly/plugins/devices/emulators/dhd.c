@@ -2,7 +2,7 @@
 #include "desk.h"
 
 enum { POWER, CONNECTED, STARTED, RESET, IDLE, FORCE, BRAKE, TORQUE, WRIST, FAULT, GRAVITY, GUARD, INIT, TWICE, CAUSE };
-static int last, bad;
+static int last, bad, expert;
 
 static int refused(const char *function) {
     if (strcmp(desk->refuse, function)) return 0;
@@ -33,12 +33,12 @@ void mutate(uint64_t with) { seed = with; }
 int dhdGetDeviceCount(void) { attach(); return desk->style; }
 int dhdErrorGetLast(void) { return last; }
 const char *dhdErrorGetStr(int code) { return code == 5 ? "no device" : code == 2 ? "communication" : NULL; }
-int dhdEnableExpertMode(void) { return 0; }
+int dhdEnableExpertMode(void) { return expert = 1, 0; }
 
 int dhdOpenID(char id) {
     attach();
     if (refused("dhdOpenID") || id >= desk->style) return last = desk->refuse_code ? desk->refuse_code : 5, -1;
-    desk->started = 1;
+    desk->started = 1, expert = 0;
     return id;
 }
 
@@ -101,4 +101,4 @@ int dhdEnableForce(unsigned char on, char id) {
 int dhdSetGravityCompensation(int on, char id) { log_call(on ? "gravity" : "weight"); return refused("dhdSetGravityCompensation") ? -1 : 0; }
 int dhdSetWatchdog(unsigned char steps, char id) { desk->watchdog = steps; return 0; }
 int dhdSetMaxForce(double most, char id) { desk->most_force = most; return 0; }
-int dhdSetTimeGuard(int us, char id) { return us == 0 ? 0 : -1; }
+int dhdSetTimeGuard(int us, char id) { return us == 0 && expert ? 0 : -1; }
