@@ -56,9 +56,9 @@ def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Ar
     if len(signal) < length:
         raise HandleError(f"{len(signal)} samples at {rate_Hz:g} Hz are too short; expected at least {SPECTROGRAM_S} s")
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    parts = np.lib.stride_tricks.sliding_window_view(signal, length)[:: max(1, length // 2)]
+    parts = np.lib.stride_tricks.sliding_window_view(signal, length)[:: length // 2]
     magnitude = np.abs(np.fft.rfft(parts * window, axis=1)) / window.sum()
-    time = (np.arange(len(parts)) * max(1, length // 2) + 0.5 * length) / rate_Hz
+    time = (np.arange(len(parts)) * (length // 2) + 0.5 * length) / rate_Hz
     return np.asarray(time), np.asarray(np.fft.rfftfreq(length, 1.0 / rate_Hz)), np.asarray(magnitude)
 
 

@@ -63,14 +63,14 @@ def _compile(effect: Effect) -> CFunction:
         raise EffectError(f"effect {effect.name!r} ({where}): render must be a function of (touch, p, table, s, out)")
     try:
         return CFunction(types.void(*arguments), effect.render)
-    except NumbaError as error:
+    except Exception as error:  # numba raises KeyError or AttributeError for an unknown field or function
         raise EffectError(f"effect {effect.name!r} ({where}) does not compile: {_reason(error)}") from error
 
 
-def _reason(error: NumbaError) -> str:
+def _reason(error: Exception) -> str:
     """Return numba's message without banner, advice and blank lines."""
     skipped = ("Failed in nopython mode", "During:", "Pass nopython", "For more information", "http", "This error may")
-    lines = [line.strip() for line in str(error).splitlines()]
+    lines = [line.strip() for line in (str if isinstance(error, NumbaError) else repr)(error).splitlines()]
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
 
 

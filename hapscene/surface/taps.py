@@ -139,9 +139,9 @@ class Taps(ByContent):
             t_s = np.arange(max(1, round(RING_TIMES * rate_Hz / tap.decay_1_s))) / rate_Hz
             audible = tap.amplitude_m_s2 if tap.frequency_Hz < 0.5 * rate_Hz else 0.0
             return audible * np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
-        speed = min(approach_m_s if approach_m_s > 0.0 else 0.0, float(self.approach_m_s[-1]))
+        speed = approach_m_s if approach_m_s > 0.0 else 0.0
         place = float(np.interp(speed, self.approach_m_s, np.arange(len(self.approach_m_s))))
-        row = min(int(place), len(self.approach_m_s) - 1)
+        row = int(place)
         after = min(row + 1, len(self.approach_m_s) - 1)
         waves = self.waves_at(rate_Hz)
         wave = (1.0 - (place - row)) * waves[row] + (place - row) * waves[after]

@@ -17,7 +17,7 @@ from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
 from hapscene.dsp.ar_filter import (
     ar_from_lsf,
     ar_from_reflection,
-    lsf_from_ar,  # kHz) for epoxy, whose recording is noise above 1 kHz.
+    lsf_from_ar,
     power_gain,
     power_response,
     reflection_from_ar,
@@ -446,7 +446,7 @@ class Texture(ByContent):
 
 def _check_shapes(texture: Texture) -> None:
     """Check shapes and ranges, before any computation with the filters."""
-    count = len(texture.force_N) if texture.force_N.ndim == 1 else -1
+    count = len(texture.force_N) if texture.force_N.ndim == 1 else 0
     if not 3 <= count <= MODEL_MAX:
         raise SwatchError(f"texture: force_N must list 3 to {MODEL_MAX} models, its shape is {texture.force_N.shape}")
     for name in ("speed_m_s", "variance_m2_s4"):
@@ -502,7 +502,7 @@ def _checked_inverse(texture: Texture) -> Array:
     """Return (t, 3, 3) matrices from (force, speed, 1) to barycentric coordinates in each triangle."""
     corner = np.stack([texture.force_N, texture.speed_m_s, np.ones_like(texture.force_N)], axis=1)
     matrix = corner[texture.triangles].transpose(0, 2, 1)
-    scale = max(texture.force_max_N * texture.speed_max_m_s, 1e-300)
+    scale = texture.force_max_N * texture.speed_max_m_s
     flat = np.flatnonzero(np.abs(np.linalg.det(matrix)) <= 1e-9 * scale)
     if len(flat):
         raise SwatchError(f"texture: triangle {flat[0]} has no area over force and speed")
@@ -518,8 +518,8 @@ def _checked_inverse(texture: Texture) -> Array:
 #
 # Error in 20–1000 Hz for the shipped swatches: 0.02 dB rms, at most 0.03 dB, from 4 to 48 kHz; 0.3 to 1.2 dB rms where
 # the order would exceed `ORDER_MAX`, as orders above 60 do at 96 kHz. The power in the common band has the same error.
-# The power added above it is at most 0.01 dB of the total at 48 kHz for three of the four swatches, but 1.3 dB (0.4 dB
-# at
+# The power added above it is at most 0.01 dB of the total at 48 kHz for three of the four swatches, but 1.3 dB
+# (0.4 dB at 20 kHz) for epoxy, whose recording is noise above 1 kHz.
 
 
 _WARPED_BINS: Final = 1 << 13  # over the phase of D, half the unit circle

@@ -122,7 +122,7 @@ def next_wave(queue: Record) -> tuple[int, Vector, float]:
     Returns:
         number of ticks until it is past, at least 1, or 0 if there is no message; its totals [√(J·s)] and [J].
     """
-    if queue.started == 1 and queue.is_new == 1:
+    if queue.is_new == 1:
         for tick in range(queue.due_tick, queue.newest + 1):
             slot = tick % QUEUE_TICKS
             if queue.tick[slot] == tick:
@@ -135,6 +135,6 @@ def next_wave(queue: Record) -> tuple[int, Vector, float]:
 def play_samples(queue: Record, a_m_s2: NDArray[np.float64]) -> None:
     """Copy the due acceleration samples to `a_m_s2` (SAMPLE_COUNT,), or zeros if they have not arrived."""
     slot = queue.a_due_tick % QUEUE_TICKS
-    found = queue.started == 1 and queue.a_is_new == 1 and queue.tick[slot] == queue.a_due_tick
+    found = queue.a_is_new == 1 and queue.tick[slot] == queue.a_due_tick
     for i in range(SAMPLE_COUNT):
         a_m_s2[i] = queue.a_m_s2[slot, i] if found else 0.0

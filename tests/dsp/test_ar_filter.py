@@ -74,6 +74,11 @@ def test_stacks_equal_single_filters() -> None:
     lsf = np.stack([lsf_from_ar(one) for one in a])
     assert np.allclose(ar_from_lsf(lsf), [ar_from_lsf(one) for one in lsf], atol=1e-14, rtol=0)
     assert np.array_equal(power_gain(a), [power_gain(one) for one in a])
+    many = np.pi * (np.arange(1, 121) + np.random.default_rng(0).uniform(-0.3, 0.3, (4, 15, 120))) / 121
+    each = [[ar_from_lsf(one) for one in row] for row in many]  # more than are converted at once
+    assert np.allclose(ar_from_lsf(many), each, atol=1e-14, rtol=0)
+    white = np.pi * np.arange(1, 801) / 801  # evenly spaced: A = 1
+    assert np.allclose(ar_from_lsf(np.tile(white, (3, 1))), np.eye(3, 801)[[0, 0, 0]], atol=1e-12)
 
 
 def test_power_gain_is_the_sum_of_the_squared_impulse_response() -> None:
@@ -88,5 +93,6 @@ def test_unstable_filters_are_detected() -> None:
     unstable = np.array([1.0, -2.1, 1.05])
     assert power_gain(unstable) == np.inf
     assert not np.all(np.abs(reflection_from_ar(unstable)) < 1.0)
-    with pytest.raises(SwatchError, match="unstable"):
-        lsf_from_ar(unstable)
+    for one in (unstable, [1.0, -1.2], [1.0, 1.2], [1.0, 0.0, 1.2], [1.0, 2.1, 1.05]):
+        with pytest.raises(SwatchError, match="unstable"):
+            lsf_from_ar(one)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.dsp.spectrogram import row_of
+from hapscene.dsp.spectrogram import decibels, row_of, spectrogram
 from hapscene.errors import HandleError
 from hapscene.handle import spectrogram_error
 
@@ -16,10 +16,25 @@ def test_error_of_no_output_and_of_a_gain() -> None:
     assert spectrogram_error(noise, -0.7 * noise, 1e4) == pytest.approx(0.3)
 
 
+def test_a_sine_has_half_its_amplitude_at_its_frequency() -> None:
+    """A Hann window of whole periods gives a quarter at both neighbours and nothing elsewhere."""
+    signal = 2.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(1000) / 1000.0)
+    time_s, frequency_Hz, magnitude = spectrogram(signal, 1000.0)
+    np.testing.assert_allclose(time_s, np.arange(1, 40) * 0.025)
+    np.testing.assert_allclose(frequency_Hz, np.arange(26) * 20.0)
+    want = np.zeros(26)
+    want[9:12] = 0.5, 1.0, 0.5
+    np.testing.assert_allclose(magnitude, np.tile(want, (39, 1)), atol=1e-12)
+    assert len(spectrogram(signal[:50], 1000.0)[0]) == len(spectrogram(signal[:74], 1000.0)[0]) == 1
+    assert decibels(np.array([0.0, 1.0, 10.0])).tolist() == [-180.0, 0.0, 20.0]
+
+
 def test_frequencies_outside_the_band_do_not_count() -> None:
     t = np.arange(20_000) / 1e4
     inside, outside = np.sin(2 * np.pi * 200.0 * t), np.sin(2 * np.pi * 3000.0 * t)
     assert spectrogram_error(inside, inside + outside, 1e4) < 1e-3
+    both = inside + np.sin(2 * np.pi * 100.0 * t)  # 100 and 120 Hz of its three, 180 and 200 Hz of the other's
+    assert spectrogram_error(inside, both, 1e4, band_Hz=(100.0, 200.0)) == pytest.approx(1.0)
 
 
 def test_unequal_silent_and_short_signals_are_refused() -> None:
@@ -32,7 +47,7 @@ def test_unequal_silent_and_short_signals_are_refused() -> None:
         spectrogram_error(noise[:99], noise[:99], 1e4)
 
 
-@pytest.mark.parametrize("rate_Hz", [0.0, -1e4, np.nan, np.inf, 10.0])
+@pytest.mark.parametrize("rate_Hz", [0.0, -1e4, np.nan, np.inf, 79.9])
 def test_invalid_sample_rates_are_refused(rate_Hz: float) -> None:
     with pytest.raises(HandleError, match="rate_Hz"):
         spectrogram_error(np.ones(1000), np.ones(1000), rate_Hz)

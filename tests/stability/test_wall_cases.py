@@ -10,6 +10,7 @@ from scipy import signal
 
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.point import PointMass
+from hapscene.stability.closed_form import limit_of_small_motion
 from tests.stability import closed_form
 from tests.stability.critical import comes_to_rest, critical_stiffness
 from tests.stability.free_rig import FreeRig
@@ -61,14 +62,14 @@ def test_limit_of_small_motion_against_roots(ratio: float, delay: int, wall_shar
         wall_law = [stiffness + wall / tick, -wall / tick]
         return float(np.abs(np.roots(np.polyadd(free, np.polymul(held[0], wall_law)))).max())
 
-    limit = closed_form.limit_of_small_motion(mass, damping, tick, delay, wall)
+    limit = limit_of_small_motion(mass, damping, tick, delay, wall)
     assert limit > 0.0
     assert [largest_root(share * limit) < 1.0 for share in (0.01, 0.5, 0.999, 1.001)] == [True, True, True, False]
 
 
 @pytest.mark.parametrize(("delay", "wall"), [(0, 0.0), (0, 2.05), (1, 0.0), (1, 0.85), (2, 3.0)])
 def test_no_stiffness_is_stable_without_dissipation_or_with_too_much_wall_damping(delay: int, wall: float) -> None:
-    assert closed_form.limit_of_small_motion(1.0, 0.0, 1.0, delay, wall) == 0.0
+    assert limit_of_small_motion(1.0, 0.0, 1.0, delay, wall) == 0.0
 
 
 def test_passivity_with_wall_damping() -> None:

@@ -13,7 +13,7 @@ from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.stability import study
+from hapscene.stability import study, z_width
 from hapscene.stability.rig import Rig
 from hapscene.stability.study import LABEL_RATIO, TOP_N_M, _draw_regions, _label, stability, verdicts
 from hapscene.stability.z_width import (
@@ -25,6 +25,7 @@ from hapscene.stability.z_width import (
     describe,
     place,
     trace,
+    trace_all,
     try_wall,
 )
 from hapscene.surface.swatch import Swatch
@@ -38,6 +39,20 @@ def test_stable_and_unstable_walls() -> None:
     still, loud = try_wall(rig, 500.0, 0.0, LIGHT), try_wall(rig, 5000.0, 0.0, LIGHT)
     assert still.stable and still.end_speed_m_s < 1e-6 and still.work_J < 0.0
     assert not loud.stable and loud.end_speed_m_s > REST_M_S and loud.work_J > WORK_J
+
+
+def test_regions_of_all_rates_delays_and_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def traced(name: str, device: object, point: object, *given: Any) -> StableRegion:
+        assert given[2:] == (LIGHT, [0.5]) and isinstance(device, Omni) == (name == "Omni")
+        return StableRegion(name, *given[:2], (0.5,), (1.0,), (2.0,))
+
+    monkeypatch.setattr(z_width, "trace", traced)
+    said = list[str]()
+    for device, names in (("omni", ["Omni", "as a point mass"]), ("premium-1.5", ["as a point mass"])):
+        made = trace_all(device, (1e3, 4e3), (0, 1), LIGHT, said.append, (0.5,), journal=tmp_path / device, jobs=1)
+        expected = [(name, rate, delay) for delay in (0, 1) for rate in (1e3, 4e3) for name in names]
+        assert [(r.device, r.rate_Hz, r.delay_ticks) for r in made] == expected
+    assert len(said) == 12 and said[7] == "Z-width 8 of 8: as a point mass at 4 kHz, delay 1\n"
 
 
 def test_friction_increases_and_delay_decreases_the_limit() -> None:
@@ -86,6 +101,7 @@ def test_many_swatches_at_one_position_share_a_label() -> None:
 )
 def test_describe(point: Point, expected: str) -> None:
     assert describe(point, 1000.0, 0) == expected
+    assert describe(point, 4000.0, 2) == expected.replace("1 kHz", "4 kHz with a delay of 2 tick")
 
 
 STEEL = Point("steel", 20_000.0, 2.0, 700.0, 0.0, False, True)
@@ -106,12 +122,14 @@ def test_study_writes_its_tables_and_a_panel_for_each_rate_and_delay(
     region = StableRegion("omni", 1000.0, 0, (0.0, 2.0, 8.0), (800.0, math.inf, 0.0), (-1.0, 900.0, 1e6))
     regions = [replace(region, rate_Hz=rate_Hz, delay_ticks=delay) for delay in (0, 2) for rate_Hz in (1e3, 2e3)]
     monkeypatch.setattr(study, "trace_all", lambda *given, **more: regions)
+    (tmp_path / ".out.sweep.jsonl").write_text("")
     bodies = list[object]()
     monkeypatch.setattr(study, "place", lambda name, body, *given: bodies.append(body) or [STEEL, GEL, FELT])
     monkeypatch.setattr(study, "save_both", lambda figure, path, dpi: pictures.append(figure))
     made = stability(tmp_path / "out", "omni", (1000.0, 2000.0), (0, 2), LIGHT, [], said.append)
     assert [file.name for file in made] == ["swatches.csv", "z_width.csv"]
     assert len(said) == 9 and len(bodies) == 4 and all(isinstance(body, Omni) for body in bodies)
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]  # the journal is deleted
     with made[1].open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 12 and list(rows[1].values()) == ["omni", "1000", "0", "2", "inf", "900"]
@@ -121,6 +139,7 @@ def test_study_writes_its_tables_and_a_panel_for_each_rate_and_delay(
     axes = pictures[0].axes
     titles = ["1 kHz, no delay", "2 kHz, no delay", "1 kHz, delay 2 ticks", "2 kHz, delay 2 ticks"]
     assert [ax.get_title("left") for ax in axes] == titles
+    assert pictures[0].get_size_inches().tolist() == [10.0, 8.8] and pictures[0].legends[0]._ncols == 2
     assert [bool(ax.get_xlabel()) for ax in axes] == [False, False, True, True]
     assert [bool(ax.get_ylabel()) for ax in axes] == [True, False, True, False]
     lines = {line.get_label(): line.get_xydata() for line in axes[0].lines}
@@ -149,5 +168,6 @@ def test_the_chart_fills_the_first_region_and_draws_the_others_as_lines() -> Non
     assert filled.get_paths()[0].vertices[:, 1].min() == low and filled.get_paths()[0].vertices[:, 1].max() == TOP_N_M
     lines = [(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in axes.lines]
     assert lines == [([0, 1, 2], [low, 500.0, TOP_N_M]), ([0, 1, 2], [60.0, 70.0, 80.0]), ([0, 1], [300.0, 400.0])]
-    assert axes.get_ylim() == (low, TOP_N_M) and axes.get_yscale() == "log"
+    assert axes.get_ylim() == (low, TOP_N_M) and axes.get_yscale() == "log" and axes.get_xscale() == "symlog"
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "0.5", "2", "8", "32", "128"]
     assert [text.split(":")[0] for text in axes.get_legend_handles_labels()[1]][:3] == ["omni", "omni", "falcon"]

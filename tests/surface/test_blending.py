@@ -9,11 +9,12 @@ from scipy.signal import freqz, welch
 
 import hapscene
 from hapscene.constants import BLEND_S
+from hapscene.device.model import Limits
 from hapscene.dsp.ar_filter import lsf_from_ar
 from hapscene.flags import Flag
 from hapscene.scene import Box, Sphere
 from hapscene.scene.fine_paint import paint_region
-from hapscene.surface.surface_arrays import put_numbers
+from hapscene.surface.surface_arrays import build_surface, put_numbers
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -185,6 +186,20 @@ def test_border_inside_a_face_is_rendered_where_painted(kind):
     sure = recording.touching & (np.abs(distance_m) > 1e-4)
     assert sure.sum() > 7000 and 0.1 < (distance_m[sure] < 0).mean() < 0.6
     assert ((recording.swatch == 2) == (distance_m < 0))[sure].all()
+
+
+def test_fine_paint_of_each_body():
+    scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.0))
+    first = build_surface(scene, [], 1e-3, 1e4, Limits())
+    for name in ("other", "third"):
+        scene.add(PLATE, name=name, unit="m", swatch=SOFT)
+    scene.paint("other", HARD, Sphere(CENTRE, 0.5 * RADIUS_M))
+    both, count, faces = build_surface(scene, [], 1e-3, 1e4, Limits()), len(first.leaf), len(first.paint)
+    assert both.leaf[:count].tobytes() == first.leaf.tobytes() and both.leaf_start[-1] == len(both.leaf) > count
+    fine = both.paint[faces : 2 * faces][both.paint[faces : 2 * faces] < 0]
+    assert fine.tolist() == sorted(fine, reverse=True) and fine[0] == first.paint.min() - 1 == -len(first.leaf_start)
+    assert both.paint[:faces].tolist() == first.paint.tolist() and both.leaf_start[-1 - fine[0]] == count
+    assert set(both.leaf.paint[count:].tolist()) == {1, 2}
 
 
 def test_fine_paint_follows_deformation():

@@ -5,7 +5,8 @@ import sys
 import pytest
 
 from hapscene.errors import EffectError
-from hapscene.surface.effect import EFFECTS, load_effect
+from hapscene.surface.effect import EFFECTS, Effect, load_effect
+from hapscene.surface.effect_compile import compile_effect
 
 GOOD = "from hapscene.surface.effect import Effect\nEFFECT = Effect('{}', 'Does nothing.', lambda *a: None)\n"
 
@@ -67,6 +68,23 @@ def test_name_of_two_packages_is_rejected(install):
     with pytest.raises(EffectError, match="others_wall"):
         load_effect("wall")
     assert EFFECTS.listed()["wall"].plugin is None and EFFECTS.listed()["friction"].plugin is not None
+
+
+def test_an_effect_that_does_not_compile_is_refused_in_one_line():
+    def misspelt(touch, p, table, s, out):
+        out.f_W_N[0] = touch.no_such_field
+
+    def untyped(touch, p, table, s, out):
+        out.f_W_N[0] = touch.depth_m + "unsupported"
+
+    named = {misspelt: "no_such_field", untyped: "unicode_type", print: "print"}
+    for bad, name in named.items():
+        with pytest.raises(EffectError, match="'bad'") as caught:
+            compile_effect(Effect("bad", "Fails.", bad))
+        said = str(caught.value)
+        assert "\n" not in said and "nopython" not in said and ";;" not in said and "; ;" not in said
+        assert name in said and len(said.partition("does not compile: ")[2]) <= 600
+        assert bad is print or f"{__file__}:{bad.__code__.co_firstlineno}" in said
 
 
 def test_an_unknown_effect_is_refused():

@@ -72,5 +72,6 @@ def test_damaged_picture_is_ignored() -> None:
             assert Look(albedo_png=bad).albedo() is None
     twice = good[:33] + good[8:33] + good[33:]  # a second head, which may say anything
     twice = twice[:41] + (4096).to_bytes(4, "big") + twice[45:]
+    assert Look(albedo_png=png()[:33] + png(600, 2)[8:]).albedo() is None
     found = Look(albedo_png=twice).albedo()
     assert found is None or found.shape == (64, 64, 3)

@@ -9,7 +9,7 @@ from hapscene.flags import Flag
 from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect, Param
-from hapscene.surface.mixer import limit
+from hapscene.surface.mixer import limit, render_fields
 from hapscene.surface.surface_arrays import build_surface
 from hapscene.surface.swatch import Swatch
 
@@ -65,12 +65,18 @@ def test_fields_add_their_force_and_their_samples():
     def push(touch, p, table, s, out):
         out.f_W_N[2] += 1.0
         out.a_m_s2[0] += 2.0
+        out.f_inside_W_N[0, 1] += 3.0
+        out.release = 1
 
     scene = Scene()
     scene.add(trimesh.creation.box(), unit="m")
     fields = [Effect(name, "Pushes.", push, scope="scene") for name in ("one", "two")]
-    command = Renderer(scene, fields).step((0.0, 0.0, 9.0))
+    renderer = Renderer(scene, fields)
+    command = renderer.step((0.0, 0.0, 9.0))
     assert command.f_W_N.tolist() == [0.0, 0.0, 2.0] and command.a_m_s2[0] == 4.0
+    renderer.surface.touch[0].inside, total = 1, renderer.surface.total[0]
+    assert render_fields(renderer.world, renderer.surface) == 0 and total.release == 1
+    assert total.f_inside_W_N[0].tolist() == [0.0, 6.0, 0.0]
 
 
 @pytest.mark.parametrize("axis", range(3))

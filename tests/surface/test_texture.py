@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import freqz, lfilter
 
-from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
+from hapscene.constants import LEVEL_BOUND_DB, LIFE_MAX, ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
 from hapscene.surface.gain_modulation import GainModulation
-from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised, triangulate
+from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, close, filters, form, stabilised, triangulate
 from hapscene.swatches.library import load_swatch
 
 
@@ -60,6 +60,18 @@ def test_a_silent_triangle_at_the_origin_is_opened() -> None:
     force, slip = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.2], [10.0, 1.0], [10.0, 0.0], [0.0, 1.0]]).T
     found = {frozenset(corners) for corners in triangulate(force, slip).tolist()}
     assert found == {frozenset(corners) for corners in ((0, 1, 3), (0, 2, 3), (1, 3, 4), (2, 3, 5))}
+
+
+def test_models_that_close_the_rectangle() -> None:
+    """Silent copies on the axes are of the model beside them, others of the nearest; none is within 2 % of another."""
+    force, speed, source, sounding = close(np.array([20.0, 12.0, 11.8]), np.array([1.0, 0.5, 0.25]))
+    found = {(round(f, 9), round(v, 9)): row for f, v, *row in zip(force, speed, source, sounding, strict=True)}
+    assert found == {
+        (20.0, 1.0): [0, 1.0], (12.0, 0.5): [1, 1.0], (11.8, 0.25): [2, 1.0],
+        (0.0, 0.0): [2, 0.0], (0.0, 0.25): [2, 0.0], (0.0, 0.5): [1, 0.0], (0.0, 1.0): [0, 0.0],
+        (12.0, 0.0): [1, 0.0], (20.0, 0.0): [0, 0.0],
+        (20.0, 0.25): [2, 1.0], (20.0, 0.5): [1, 1.0], (12.0, 1.0): [0, 1.0],
+    }  # fmt: skip
 
 
 def test_model_at_its_vertex() -> None:
@@ -122,11 +134,56 @@ def test_invalid_textures_are_rejected() -> None:
             Texture(**(fields | {"lsf_rad": lsf}))
 
 
+def test_largest_numbers_are_accepted() -> None:
+    most = {"variance_m2_s4": [1e12], "warp": -0.99, "exponents": [8.0, -8.0]}
+    texture = Texture.from_models(1e4, [1.0], [0.1], a=[[1.0, 0.0]], **most)
+    fields = {n: getattr(texture, n) for n in ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4")}
+    with pytest.raises(ValueError, match="read-only"):
+        texture.lsf_rad[0] = 1.0
+    Texture(1e4, **(fields | {"triangles": np.resize(texture.triangles, (2 * len(texture.force_N), 3))}), warp=0.99)
+    flat = {"force_N": [0.0, 1.0, 1.0], "speed_m_s": [0.0, 0.1, 0.1 + 1e-12], "triangles": [[0, 1, 2]]}
+    three = {"lsf_rad": texture.lsf_rad[:3], "variance_m2_s4": np.zeros(3)}
+    loud = [{"variance_m2_s4": share * texture.variance_m2_s4} for share in (1.01, -1.0)]
+    for bad in (flat | three, *loud, {"rate_Hz": np.inf}, {"exponents": [8.1, 0.0]}, {"warp": -0.991}):
+        with pytest.raises(SwatchError):
+            Texture(**({"rate_Hz": 1e4} | fields | bad))
+
+
+@pytest.mark.parametrize("warp", [0.75, -0.75])
+def test_warp_and_order_at_another_rate(warp: float) -> None:
+    """Low frequencies keep their phase if the warp keeps its sign and does not exceed its limit."""
+    models = {"a": ar_from_reflection([-0.5, 0.3]), "variance_m2_s4": [1.0]}
+    texture = Texture.from_models(1000.0, [1.0], [0.1], warp=warp, **models)
+    for ratio, order in ((1 / 64, 2), (0.5, 2), (2.0, 3), (64.0, 3)):
+        other, stretch = texture.resampled(1000.0 * ratio), ratio * (1.0 + warp) / (1.0 - warp)
+        expected = np.clip((stretch - 1.0) / (stretch + 1.0), *((0.0, 0.99) if warp > 0.0 else (-0.99, 0.0)))
+        assert (other.rate_Hz, other.order) == (1000.0 * ratio, order) and other.warp == pytest.approx(expected)
+    for ratio in (1 / 65, 65.0, 0.0, np.nan):
+        with pytest.raises(SwatchError, match="resampled"):
+            texture.resampled(1000.0 * ratio)
+    long = Texture.from_models(100.0, [1.0], [0.1], a=ar_from_reflection(np.full(20, 0.1)), variance_m2_s4=[1.0])
+    assert long.resampled(3000.0).order == ORDER_MAX and long.resampled(100.0) is long
+
+
+def test_nothing_is_added_above_the_band_of_a_low_pass() -> None:
+    """There its density is the smallest of the model."""
+    low = Texture.from_models(1000.0, [1.0], [0.1], a=[[1.0, -0.8] + [0.0] * 18], variance_m2_s4=[1.0])
+    found = low.resampled(3000.0).density([1.0], [0.1], frequency_Hz=[100.0, 490.0, 700.0, 1400.0])[0]
+    known = low.density([1.0], [0.1], frequency_Hz=[100.0, 500.0, 500.0, 500.0])[0]
+    np.testing.assert_allclose(found, known, rtol=0.02)
+    line = [1.0, -2.0 * np.cos(2.0 * np.pi * 6000.5 / 65_536), 1.0] * (1.0 - 1e-6) ** np.arange(
+        3
+    )  # narrower than a bin
+    narrow = Texture.from_models(1000.0, [1.0], [0.1], a=[line], variance_m2_s4=[1.0])
+    power = [one.power([1.0], [0.1])[0] for one in (narrow, narrow.resampled(500.0), narrow.resampled(2000.0))]
+    assert power[1:] == pytest.approx(power[:1] * 2, rel=1e-4)
+
+
 @pytest.mark.parametrize("rate_Hz", [5000.0, 44_100.0])
 def test_resampling_keeps_the_common_band(rate_Hz: float) -> None:
     texture = make_texture(order=20)
     other = texture.resampled(rate_Hz)
-    assert other.rate_Hz == rate_Hz
+    assert other.rate_Hz == rate_Hz and other.order == (20 if rate_Hz < 1e4 else 89)
     frequency = np.linspace(20.0, 1000.0, 500)
     nyquist = min(rate_Hz, 10_000.0) / 2
     fine = (np.arange(20_000) + 0.5) * nyquist / 20_000
@@ -254,6 +311,7 @@ def test_invalid_modulation_is_rejected() -> None:
         GainModulation(**good)
     )
     assert GainModulation(**good).log_spread == pytest.approx(np.sqrt(0.13))
+    assert GainModulation([1.5] + [0.0] * (LIFE_MAX - 1), [1e4] * LIFE_MAX, [1e6] * LIFE_MAX).log_spread == 1.5
     for change in (
         {"spread": []},
         {"decay_1_m": [0.0]},
@@ -261,6 +319,9 @@ def test_invalid_modulation_is_rejected() -> None:
         {"decay_1_s": [-1.0, 0.0]},
         {"spread": [1.2, 1.2]},
         {"decay_1_m": [0.0, 0.0]},
+        {"spread": [-0.1, 0.1]},
+        {"decay_1_s": [1.001e4, 0.0]},
+        {name: [1e-3] * (LIFE_MAX + 1) for name in good},
     ):
         with pytest.raises(SwatchError):
             GainModulation(**(good | change))

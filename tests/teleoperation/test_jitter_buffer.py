@@ -37,6 +37,8 @@ def test_a_missing_message_is_bridged_by_the_next() -> None:
     advance_queue(queue[0], 4)  # message 2 is due, and lost
     ticks, wave, energy = next_wave(queue[0])
     assert (ticks, wave[0], energy) == (2, 3.0, 3.0)
+    advance_queue(queue[0], 4)
+    assert next_wave(queue[0]) == (0, (0.0, 0.0, 0.0), 0.0)  # nothing new is due
 
 
 def test_messages_are_reordered() -> None:
@@ -48,6 +50,9 @@ def test_messages_are_reordered() -> None:
         play_samples(queue[0], samples)
         played.append(int(samples[0]))
     assert played == [0, 1, 2, 3, 4, 5, 6]
+    advance_queue(queue[0], 8)
+    play_samples(queue[0], samples)
+    assert not samples.any()  # nothing new is due
 
 
 def test_lag_grows_and_shrinks_with_the_delay() -> None:

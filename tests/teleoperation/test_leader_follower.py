@@ -72,7 +72,7 @@ def make_leader() -> Leader:
 def test_hand_moves_linearly_between_rows_and_stops_after_the_last() -> None:
     leader = make_leader()
     path = np.array([[0.0, 0.0, 0.0], [1e-3, -2e-3, 3e-3], [1e-3, -2e-3, 4e-3]])
-    grip = np.array([[100.0, 1.0, 0.01], [200.0, 2.0, 0.02], [300.0, 3.0, 0.03]])
+    grip = np.array([[100.0, 1.0, 0.01], [100.0, 2.0, 0.02], [300.0, 2.0, 0.03]])
     push = np.arange(9.0).reshape(3, 3)
     hand = leader.arm.hand[0]
     for k, speed in enumerate(((1.0, -2.0, 3.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))):

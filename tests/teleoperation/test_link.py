@@ -45,7 +45,8 @@ def test_loss_and_jitter_statistics() -> None:
 def test_seed_determines_the_losses() -> None:
     bad = Impairment(0.01, 0.005, 0.2)
     runs = [carry(new_link(bad, TICK_S, seed, "a"), 500) for seed in (5, 5, 6)]
-    assert runs[0] == runs[1] != runs[2]
+    assert runs[0] == runs[1] != runs[2] and carry(new_link(bad, TICK_S, 5, "b"), 500) != runs[0]
+    assert carry(new_link(Impairment(0.5, 0.125, 1.0), TICK_S, 0, "a"), 500) == []  # the worst: all are lost
 
 
 def test_full_link_drops_messages() -> None:
@@ -56,7 +57,7 @@ def test_full_link_drops_messages() -> None:
     assert collect(link, 500, records(1, MESSAGE))
 
 
-@pytest.mark.parametrize("bad", [{"loss": 1.5}, {"jitter_s": math.nan}])
+@pytest.mark.parametrize("bad", [{"loss": 1.5}, {"jitter_s": math.nan}, {"jitter_s": 0.13}, {"delay_s": 0.51}])
 def test_impairment_out_of_range(bad: dict[str, float]) -> None:
     with pytest.raises(HapsceneError, match=next(iter(bad))):
         Impairment(**bad)
