@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from hapscene.constants import BLOCK_MAX
 from hapscene.dsp.lattice import advance
 from hapscene.dsp.noise import normal, seeded_state
-from hapscene.dsp.texture_voice import Stroke, run_texture, voice_fields
+from hapscene.dsp.texture_voice import Stroke, log_power, run_texture, voice_fields
 
 
 def voice(order: int, warp: float = 0.0, level: float = 0.0) -> np.void:
@@ -35,6 +36,34 @@ def test_models_change_per_block_with_a_continuous_memory() -> None:
     rng, b = seeded_state(1, "texture"), np.zeros(3)
     rows = [(np.append(0.0, k), np.append(1.0, np.sqrt(1.0 - k**2))) for k in models]
     np.testing.assert_array_equal(made, [advance(*rows[t // 50], b, 2, normal(rng)) for t in range(100)])
+
+
+def test_models_and_blocks_of_any_length() -> None:
+    """A block longer than the longest of a tick; models that change every third block; samples are added."""
+    k, level = np.array([[0.9, -0.5], [-0.7, 0.2]]), np.array([2.0])
+    count = 2 * BLOCK_MAX + 90
+    ramp = 1.0 + np.arange(1, count + 1) / count
+    np.testing.assert_allclose(run(k[:1], level, count, count), ramp * run(k[:1], np.ones(1), count, count), atol=1e-12)
+    np.testing.assert_array_equal(run(k[:1], np.ones(1), count, count), run(k[:1], np.ones(7), 100, count))
+    out = np.full(60, 5.0)
+    run_texture(voice(2, level=1.0), Stroke(k, np.ones(6), np.zeros(6), np.zeros(0), 1.0, 10, 3), out)
+    np.testing.assert_array_equal(out, 5.0 + run(k, np.ones(2), 30, 60))
+
+
+def test_the_gain_of_a_stroke() -> None:
+    """A process that never changes gives a constant gain; without a spread it is 1."""
+    k, level = np.array([[0.5]]), np.ones(3)
+    s, out = voice(1, level=1.0), np.zeros(30)
+    s["spread_scale"], s["processes"] = 2.0, 0.7
+    run_texture(s, Stroke(k, level, np.zeros(3), np.array([0.1, 0.0, 9.0, 0.05, 0.0, 9.0]), 1.0, 10, 1), out)
+    gain = np.exp(0.7 * 2.0 * 0.15 - log_power(2.0 * np.hypot(0.1, 0.05)))
+    ramp = np.interp(np.arange(1, 31), [0, 10, 30], [1.0, gain, gain])
+    np.testing.assert_allclose(out, ramp * run(k, level, 10, 30), atol=1e-12)
+    assert s["gain"] == pytest.approx(gain) and s["level_m_s2"] == 1.0
+    fresh = voice(1, level=1.0)
+    fresh["spread_scale"] = 1.0
+    run_texture(fresh, Stroke(k, level, np.ones(3), np.array([0.1, 0.0, 9.0]), 1.0, 10, 1), out)
+    assert np.unique(fresh["processes"]).size == fresh["processes"].size and fresh["gain"] != 1.0
 
 
 @pytest.mark.parametrize("warp", [0.0, 0.6])

@@ -106,6 +106,33 @@ def test_lifting_ends_friction(bench, ticks):
     assert f[49, 0] == pytest.approx(-0.3) and not f[50:].any()
 
 
+def test_a_new_contact_starts_without_force_and_sticks(bench, ticks):
+    x = 1e-4 * np.arange(90)
+    rows = {"touching": (np.arange(90) < 40) | (np.arange(90) >= 60), "ended": np.arange(90) == 40}
+    rows["began"] = np.isin(np.arange(90), (0, 60))
+    slip = np.zeros((90, 3))
+    slip[1:, 0] = np.diff(x)
+    params = dict(friction_static=0.5, friction_dynamic=0.3, tangential_stiffness_N_m=K_N_M)
+    f = -bench(FRICTION, params=params).run(ticks(90, slip_W_m=slip, normal_force_N=1.0, **rows))["f_W_N"][:, 0]
+    once = np.where(np.arange(30) <= 10, K_N_M * x[:30], 0.3)
+    np.testing.assert_allclose(f[:30], once, rtol=1e-12)
+    np.testing.assert_allclose(f[60:], once, rtol=1e-12)
+    assert not f[40:60].any()
+
+
+@pytest.mark.parametrize(
+    ("to", "held"), [((1.0, 0.0, 0.0), (0.0, -1e-4, -3e-4)), ((0.0, 0.0, -1.0), (3e-4, -1e-4, 0.0))]
+)
+def test_the_spring_turns_at_an_edge_and_stays_on_the_other_side_of_a_sheet(bench, ticks, to, held):
+    """What slips into the surface at the edge does not count."""
+    rows = ticks(3, normal_force_N=1.0, nhat_W=[(0.0, 0.0, 1.0), (0.0, 0.0, 1.0), to], began=[1, 0, 0])
+    rows["slip_W_m"][1:] = (2e-4, -1e-4, 0.0), (1e-4, 0.0, -1e-4)
+    params = dict(friction_static=9.0, friction_dynamic=9.0, tangential_stiffness_N_m=K_N_M)
+    f = bench(FRICTION, params=params).run(rows)["f_W_N"]
+    np.testing.assert_allclose(f[1], (-0.1, 0.05, 0.0), atol=1e-12)
+    np.testing.assert_allclose(f[2], -K_N_M * np.array(held), atol=1e-12)
+
+
 def test_the_spring_follows_a_curved_surface(bench, ticks):
     """On a helix around a cylinder the force is tangential and opposed to the motion; slip into it does not count."""
     turn = np.linspace(0.0, np.pi / 2, 400)
@@ -182,3 +209,4 @@ def test_breakaway_vibration_is_proportional_to_the_released_force(bench, ticks)
     assert freed_N == pytest.approx(0.4, abs=0.01) and not out["a_m_s2"][: broke + 1].any()
     beyond = bench(FRICTION, params=params | rings | {"breakaway_Hz": 6000.0}).run(rows)
     assert not beyond["a_m_s2"].any()  # this rate cannot carry it
+    assert not bench(FRICTION, params=params | rings | {"breakaway_decay_1_s": 0.0}).run(rows)["a_m_s2"].any()

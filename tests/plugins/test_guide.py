@@ -44,6 +44,17 @@ def test_repulsion(bench, ticks):
     np.testing.assert_allclose(f[:, 2], K * np.maximum(0.0, R - s), atol=1e-12)
 
 
+def test_an_inclined_plane(bench, ticks):
+    n, at = np.array([1.0, -2.0, 2.0]) / 3.0, np.array([0.1, 0.2, 0.3])
+    s = np.array([-0.02, -0.006, -0.001, 0.0, 0.004, 0.011])
+    p = at + np.outer(s, n) + np.outer(np.arange(6), (2.0, 1.0, 0.0))  # and along the plane
+    plane = {"points_m": at, "normal": 5.0 * n}
+    pull = -K * s * np.maximum(0.0, 1.0 - (s / R) ** 2) ** 2
+    np.testing.assert_allclose(forces(bench, ticks, p, **plane), np.outer(pull, n), atol=1e-12)
+    push = K * np.maximum(0.0, R - s)
+    np.testing.assert_allclose(forces(bench, ticks, p, repelling=0.5, **plane), np.outer(push, n), atol=1e-12)
+
+
 @pytest.mark.parametrize("repelling", [0.0, 1.0])
 @pytest.mark.parametrize("setting", [POINT, LINE, PLANE, BENT], ids=["point", "line", "plane", "polyline"])
 def test_the_force_is_conservative_and_continuous(bench, ticks, setting, repelling):

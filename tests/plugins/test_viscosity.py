@@ -37,6 +37,41 @@ def test_force_inside_and_at_the_border_of_the_region(bench, ticks, region, x_m,
     np.testing.assert_allclose(f[-1], (-2.0 * 1e-5 * share, 0.0, 0.0), rtol=1e-3)
 
 
+LONG = {"box_m": [(0.01, -0.02, 0.05), (-0.03, 0.04, 0.01)]}
+SMALL = {"center_m": (0.01, 0.02, 0.03), "radius_m": 0.0145}
+
+
+@pytest.mark.parametrize(
+    ("region", "at_m", "share"),
+    [
+        (LONG, (0.0095, 0.0, 0.03), 0.01),
+        (LONG, (-0.0275, 0.0, 0.03), 0.25),
+        (LONG, (0.0, 0.0375, 0.03), 0.25),
+        (LONG, (0.0, -0.0175, 0.03), 0.25),
+        (LONG, (0.0, 0.0, 0.0125), 0.25),
+        (LONG, (0.0, 0.0, 0.051), 0.0),
+        (SMALL, (0.016, 0.014, 0.037), 0.49),  # 11 mm from the centre
+        (SMALL, (0.01, 0.02, 0.03), 1.0),
+        (SMALL, (0.01, 0.02, 0.045), 0.0),
+    ],
+)
+def test_borders_along_each_axis(bench, ticks, region, at_m, share):
+    v = np.array([1e-5, -2e-5, 3e-5])
+    p = np.array(at_m) + T_S * np.arange(-199, 1)[:, None] * v
+    f = bench(EFFECT, settings=region).run(ticks(200, p_WT_m=p, touching=0))["f_W_N"]
+    np.testing.assert_allclose(f[-1], -2.0 * share * v, rtol=0.02, atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_teleported_tool_is_not_damped(bench, ticks, axis):
+    for speed_m_s, damped in ((9.99, True), (-9.99, True), (10.01, False)):
+        p = np.zeros((2, 3))
+        p[1, axis] = speed_m_s * T_S
+        f = bench(EFFECT).run(ticks(2, p_WT_m=p))["f_W_N"][1]
+        expected = -2.0 * speed_m_s * -np.expm1(-2.0 * np.pi * 50.0 * T_S) if damped else 0.0
+        assert f[axis] == pytest.approx(expected) and np.count_nonzero(f) == damped
+
+
 def test_the_region_moves_with_its_body(bench, ticks):
     """No force on a tool that moves with the body; a resting tool in a moving body is dragged."""
     one = bench(EFFECT, settings=BALL)

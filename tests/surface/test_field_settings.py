@@ -6,7 +6,7 @@ import trimesh
 
 import hapscene
 from hapscene.errors import EffectError
-from hapscene.surface.effect import Effect, Param, State
+from hapscene.surface.effect import Effect, Param, State, field_setting
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 
@@ -72,6 +72,18 @@ def test_the_poses_of_named_bodies_are_those_of_the_tick():
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0.0, 0.2, 0.0)
     np.testing.assert_allclose(r.step((0.0, 0.2, 0.3), {"crate": X}).f_W_N, [1.0, 0.0, -3.0], atol=1e-12)
+
+
+def test_settings_of_a_field():
+    """Defaults, checked numbers, indices of bodies, and a pose for each before its own table."""
+    points = {"points_m": [[1.0, 2.0, 3.0]]}
+    plain = field_setting(PULL, points, ("box", "crate"), 1e4)
+    pose = [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
+    assert plain.numbers == {"stiffness_N_m": 10.0} and plain.bodies == ()
+    assert plain.table.tolist() == [*pose, 1.0, 2.0, 3.0]
+    tied = field_setting(PULL, points | {"bodies": ["crate", "box"], "stiffness_N_m": 100}, ("box", "crate"), 1e4)
+    assert tied.bodies == (1, 0) and tied.table.tolist() == [*pose, *pose, 1.0, 2.0, 3.0]
+    assert type(tied.numbers["stiffness_N_m"]) is float and tied.numbers["stiffness_N_m"] == 100.0
 
 
 def test_fields_and_contact_effects_are_tuned_separately():

@@ -37,6 +37,18 @@ def test_written_and_read_look_are_equal() -> None:
     assert look is not None
     np.testing.assert_array_equal(look.albedo(), np.full((3, 4, 3), [1.0, 0.0, 0.0]))
     np.testing.assert_allclose(look.normal(), np.full((3, 4, 3), [0.0, 0.0, 1.0]), atol=0.01)
+    inwards = Look(normal_png=png(colour=(255, 0, 0))).normal()
+    np.testing.assert_allclose(inwards, np.full((3, 4, 3), np.array([1.0, -1.0, 0.05]) / np.sqrt(2.0025)))
+    assert Look().albedo() is None and Look().normal() is None
+    Look(0.0, 1e-4, png(512, 1), png(1, 512)), Look(1.0, 10.0)  # the largest
+
+
+def test_bytes_and_pixels_are_limited() -> None:
+    png_ = png() + bytes(PICTURE_BYTES_MAX - len(png()))
+    Look(albedo_png=png_)
+    for bad in (png_ + b"\0", png(513, 1), png(1, 513), png()[:23], png()[:16] + bytes(4) + png()[20:]):
+        with pytest.raises(SwatchError, match="albedo_png"):
+            Look(albedo_png=bad)
 
 
 def test_swatch_without_look_has_version_2() -> None:
@@ -53,7 +65,9 @@ def test_swatch_without_look_has_version_2() -> None:
         ({"albedo_png": base64.b64encode(b"GIF89a" + bytes(50)).decode()}, "albedo_png"),
         ({"normal_png": base64.b64encode(png(600, 2)).decode()}, "600"),
         ({"roughness": 1.1}, "look.roughness"),
-        ({"size_m": 0.0}, "look.size_m"),
+        ({"roughness": -0.1}, "look.roughness"),
+        ({"size_m": 0.9e-4}, "look.size_m"),
+        ({"size_m": 10.1}, "look.size_m"),
         ({"metalness": 1.0}, "metalness"),
     ],
 )

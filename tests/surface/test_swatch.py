@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import SwatchError
-from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch import FRICTION_MAX, NAME_MAX, PLAIN, Swatch, tip_radius_of, touched_with
 from hapscene.surface.taps import Taps
 
 
@@ -23,6 +23,32 @@ def test_parameter_precedence() -> None:
     assert swatch.parameter("push", "other", 0.1) == 0.1
 
 
+def test_what_is_given_is_copied_and_converted() -> None:
+    effects, intervals, absent = {"push": {"push_N": 2}}, {"damping_Ns_m": [1, 1]}, {"taps": "none"}
+    swatch = Swatch("oak", 600, albedo_rgb=[0, 0.5, 1], effects=effects, intervals=intervals, absent=absent)
+    effects["push"]["push_N"], intervals["damping_Ns_m"], absent["taps"] = 3, [0, 9], "some"
+    assert swatch.effects == {"push": {"push_N": 2.0}} and type(swatch.effects["push"]["push_N"]) is float
+    assert swatch.intervals == {"damping_Ns_m": (1.0, 1.0)} and swatch.absent == {"taps": "none"}
+    assert swatch.albedo_rgb == (0.0, 0.5, 1.0) and type(swatch.stiffness_N_m) is float
+    assert swatch.own_numbers == {
+        "stiffness_N_m": 600.0, "damping_Ns_m": PLAIN.damping_Ns_m, "friction_static": 0.0, "friction_dynamic": 0.0
+    }  # fmt: skip
+    assert Swatch("oak", adhesion_N=0.1).own_numbers["adhesion_N"] == 0.1
+
+
+def test_largest_values_are_accepted() -> None:
+    longest = "x" * NAME_MAX
+    swatch = Swatch(longest, 1e9, 0.0, FRICTION_MAX, FRICTION_MAX, tool=longest, tip=longest)
+    assert (swatch.friction_static, swatch.name, swatch.tip) == (FRICTION_MAX, longest, longest)
+
+
+def test_the_tool_and_the_radius_of_its_tip() -> None:
+    assert touched_with(Swatch("a", tool="probe", tip="3 mm ball")) == "probe, 3 mm ball"
+    assert touched_with(Swatch("a", tip="felt")) == "felt" and touched_with(PLAIN) == ""
+    tips = ("3.2 mm ball", "3mm ball", "0 mm ball", "felt", "")
+    assert [tip_radius_of(Swatch("a", tip=tip)) for tip in tips] == [1.6e-3, 1.5e-3, None, None, None]
+
+
 def test_equality_hash_and_pickle() -> None:
     swatch = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
     same = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
@@ -35,6 +61,18 @@ def test_equality_hash_and_pickle() -> None:
     ("change", "field"),
     [
         ({"name": "a\nb"}, "name"),
+        ({"name": ""}, "name"),
+        ({"name": "x" * (NAME_MAX + 1)}, "name"),
+        ({"tool": "x" * (NAME_MAX + 1)}, "tool"),
+        ({"tool": 3}, "tool"),
+        ({"intervals": {"friction_static": (0.0, np.inf)}}, "intervals.friction_static"),
+        ({"intervals": {"friction_static": (-np.inf, 0.0)}}, "intervals.friction_static"),
+        ({"intervals": {"friction_static": (0.0, 0.5, 1.0)}}, "intervals.friction_static"),
+        ({"intervals": {"\ud800": (0.0, 1.0)}}, "intervals"),
+        ({"licence": "\ud800"}, "licence"),
+        ({"absent": {"\ud800": ""}}, "absent"),
+        ({"effects": {"\ud800": {}}}, "effects"),
+        ({"albedo_rgb": (-0.1, 0.2, 0.3)}, "albedo_rgb"),
         ({"stiffness_N_m": -1.0}, "stiffness_N_m"),
         ({"stiffness_N_m": 1e308}, "stiffness_N_m"),
         ({"damping_Ns_m": np.nan}, "damping_Ns_m"),

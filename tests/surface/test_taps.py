@@ -6,9 +6,30 @@ import numpy as np
 import pytest
 
 from hapscene.errors import SwatchError
-from hapscene.surface.taps import Taps
+from hapscene.surface.taps import TAP_MAX, WAVE_MAX, Taps
 
 TAPS = Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0])
+
+
+def test_arrays_are_copied_and_read_only() -> None:
+    given = np.array([5.0, 20.0])
+    taps = Taps([0.1, 0.3], given, [100.0, 140.0], [80.0, 60.0], np.ones((2, 1)), 500)
+    given[0] = 9.0
+    assert taps.amplitude_m_s2[0] == 5.0 and type(taps.wave_rate_Hz) is float
+    for array in (taps.amplitude_m_s2, taps.wave_m_s2):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+def test_largest_and_smallest_taps() -> None:
+    speed = np.linspace(0.1, 1.0, TAP_MAX + 1)
+    assert len(Taps(speed[1:], speed[1:] - speed[1], speed[1:], speed[1:]).approach_m_s) == TAP_MAX
+    assert Taps(*[speed[:2]] * 4, np.zeros((2, WAVE_MAX)), 1000.0).waves_at(1000.0).shape == (2, WAVE_MAX)
+    for rows, waves in ((speed, None), (speed[:2], np.zeros((2, 0))), (speed[:2], np.zeros((2, WAVE_MAX + 1)))):
+        with pytest.raises(SwatchError, match="1 to"):
+            Taps(rows, rows, rows, rows, waves, 0.0 if waves is None else 1000.0)
+    with pytest.raises(SwatchError, match="shape"):
+        Taps(speed[:4].reshape(2, 2), *[speed[:4].reshape(2, 2)] * 3)
 
 
 def test_taps_are_interpolated() -> None:
@@ -67,7 +88,8 @@ def test_sinusoid_without_transients() -> None:
     wave = TAPS.transient(0.1, 2000.0)
     t_s = np.arange(len(wave)) / 2000.0
     np.testing.assert_allclose(wave, 5.0 * np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s))
-    assert np.exp(-80.0 * t_s[-1]) < 2e-3
+    assert len(wave) == 175 and len(Taps([0.1], [1.0], [9.0], [1e6]).transient(0.1, 2000.0)) == 1
+    assert TAPS.waves_at(2000.0).shape == (2, 0)
     assert not TAPS.transient(0.1, 150.0).any()  # above the Nyquist frequency
 
 
@@ -76,7 +98,7 @@ def test_transients_at_another_rate_keep_their_shape() -> None:
     wave = np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s)
     taps = Taps([0.1], [1.0], [100.0], [80.0], wave[None], 1000.0)
     fine = taps.waves_at(10_000.0)[0]
-    assert len(fine) == 1000
+    assert len(fine) == 1000 and taps.waves_at(1.0).shape == (1, 1) and taps.waves_at(500.0).shape == (1, 50)
     t_s = np.arange(1000) / 10_000.0
     np.testing.assert_allclose(fine, np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s), atol=0.07)
 
@@ -88,6 +110,9 @@ def test_transients_at_another_rate_keep_their_shape() -> None:
         (np.zeros((2, 5000)), 1000.0, "wave_m_s2"),
         (np.full((2, 3), np.nan), 1000.0, "wave_m_s2"),
         (WAVES, float("nan"), "wave_rate_Hz"),
+        (WAVES, float("inf"), "wave_rate_Hz"),
+        (WAVES, 0.0, "wave_rate_Hz"),
+        (WAVES[0], 1000.0, "wave_m_s2"),
         (None, 1000.0, "wave_m_s2"),
     ],
 )

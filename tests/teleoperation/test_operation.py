@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapscene.constants import TICK_S
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.point import PointMass
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
@@ -75,6 +76,32 @@ def test_rendered_stiffness_is_that_of_springs_in_series(delay_s: float) -> None
     """1/K = 1/K_wall + 1/K_c + d/b, if there is enough energy."""
     measured_N_m, line_s = measure_stiffness(Coupling(), delay_s)
     assert measured_N_m == pytest.approx(predict_stiffness(line_s), rel=1e-3)
+
+
+def test_recorded_quantities_of_two_runs() -> None:
+    """Time, work and acceleration continue; the tip's acceleration, summed twice, is its position."""
+    device = PointMass(0.05, 0.2)
+    operation = Operation(plate("wood"), START_M, line=Impairment(0.003), device=device, compensator="inverse", seed=2)
+    way = np.linspace(0.006, -0.004, 250)
+    intents = [np.column_stack((0.1 * np.clip(0.0 - z, 0.0, 1.0), 0.0 * z, z)) for z in (way, way[::-1])]
+    runs = [operation.run(ReferenceTrajectory.along(intent, "medium")) for intent in intents]
+    one = {name: np.concatenate([getattr(run, name) for run in runs]) for name in vars(runs[0]) if name != "latency_s"}
+    np.testing.assert_allclose(one["t_s"], np.arange(500) * TICK_S)
+    assert one["touching"].dtype == bool and 50 < one["touching"].sum() < 400
+    assert one["f_contact_W_N"][one["touching"]][:, 2].max() > 0.4 and not one["f_contact_W_N"][:30].any()
+    for run in runs:
+        done = np.zeros(250)
+        for end in ("leader", "follower"):
+            p, f = getattr(run, f"{end}_W_m"), getattr(run, f"f_{end}_W_N")
+            done[1:] += np.cumsum((f[:-1] * np.diff(p, axis=0)).sum(axis=1))
+        np.testing.assert_allclose(run.work_J, done, atol=1e-15)
+    speed = np.cumsum(one["a_tip_m_s2"].ravel()) * 1e-4
+    np.testing.assert_allclose(one["leader_W_m"][1:, 2] - 0.006, np.cumsum(speed)[9:-1:10] * 1e-4, atol=1e-10)
+    for end in ("leader", "follower"):  # the first message arrives in tick 3
+        assert not one[f"f_{end}_W_N"][:3].any() and one[f"f_{end}_W_N"][4:9].any()
+    assert one["a_handle_m_s2"].any() and one["a_follower_m_s2"].any()
+    assert runs[0].latency_s == pytest.approx(0.001 + 0.003 + int(operation.leader.handle[0].delay) * 1e-4)
+    assert int(operation.leader.handle[0].delay) > 0
 
 
 def test_positions_do_not_drift_apart() -> None:
