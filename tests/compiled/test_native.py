@@ -5,10 +5,11 @@ import io
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
-from types import SimpleNamespace
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numba
@@ -218,14 +219,19 @@ def test_long_compilation_is_reported_in_one_line(terminal: bool, monkeypatch: p
     screen.isatty = lambda: terminal  # type: ignore[method-assign]
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
-    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=iter([100.0, 103.0, 200.0, 203.0]).__next__))
-    with progress.compiling(2):
-        native(lambda x: x * 5.0)(1.0)
-        native(lambda x: x * 7.0)(1.0)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=iter([100.0, 103.0] * 3).__next__))
+    inner = native(lambda x: x * 5.0)
+    one, other = native(lambda x: inner(x) + 1.0), native(lambda x: inner(x) - 1.0)
+    with compiling(one, other):
+        assert (one(1.0), other(1.0)) == (6.0, 4.0)
     line, *later = screen.getvalue().split("\r")
-    shown = "compiling 2 functions (first run, about 20 s) … "
-    lines = [f"{shown}1", f"{shown}2", f"{shown}2 done in 3 s\n"] if terminal else []
+    shown = "compiling 3 functions (first run, about 30 s) … "
+    lines = [*(f"{shown}{k}" for k in (1, 2, 3)), f"{shown}3 done in 3 s\n"] if terminal else []
     assert (line, later) == (shown if terminal else f"{shown} done in 3 s\n", lines)
+    begun = len(screen.getvalue())
+    with compiling(one, other):  # they are in the cache
+        native(lambda x: inner(x) + 2.0)(1.0)
+    assert screen.getvalue()[begun:].startswith("compiling 1 function (first run, about 10 s) … ")
     monkeypatch.setattr(sys, "stderr", None)  # as in a program without a console
     with compiling():
         assert native(lambda x: x * 9.0)(1.0) == 9.0
@@ -247,6 +253,33 @@ def test_digest_includes_nested_constants() -> None:
 
     tripled.__qualname__ = doubled.__qualname__
     assert digest.digest_of(doubled)[0] != digest.digest_of(tripled)[0]
+
+
+def test_digest_distinguishes_operators_names_and_defaults() -> None:
+    for one, other in (
+        (lambda x: x + x, lambda x: x - x),
+        (lambda x: np.sin(x), lambda x: np.cos(x)),
+        (lambda x, k=1: x + k, lambda x, k=2: x + k),
+    ):
+        assert digest.digest_of(one)[0] == digest.digest_of(copy_of(one))[0] != digest.digest_of(other)[0]
+
+
+def copy_of(function: Any) -> Any:
+    return FunctionType(function.__code__, globals(), function.__name__, function.__defaults__, function.__closure__)
+
+
+def test_unused_files_are_removed_after_30_days(compiled: Callable[..., Any], tmp_path: Path) -> None:
+    compiled()
+    (used,) = files(tmp_path)
+    now_s = time.time()
+    for name, days in (("old.nbc", 31), ("recent.nbc", 29)):
+        (used.parent / name).touch()
+        os.utime(used.parent / name, (now_s, now_s - days * 86_400.0))
+    os.utime(used, (0.0, 0.0))
+    assert hits(compiled()) == 1 and used.stat().st_mtime > now_s - 3600.0  # it was used
+    cache._remove_old.cache_clear()
+    compiled(factor=3.0)
+    assert {"old.nbc", "recent.nbc", used.name} - {file.name for file in files(tmp_path)} == {"old.nbc"}
 
 
 def test_digest_distinguishes_inlining() -> None:
