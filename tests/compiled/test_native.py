@@ -8,6 +8,8 @@ import sys
 import time
 from collections.abc import Callable
 from copy import copy
+from ctypes import CDLL, CFUNCTYPE, c_double
+from ctypes.util import find_library
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
 from typing import Any
@@ -99,6 +101,7 @@ def test_changed_constant_of_a_callee_recompiles(compiled: Callable[..., Any]) -
 def test_inlined_function_alone_and_in_a_caller() -> None:
     part = inlined(lambda x: 2.0 * x)
     assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
+    assert native(source).__name__ == "source" and native(source).__module__ == __name__
 
 
 def test_numba_code_calls_a_native_function() -> None:
@@ -128,8 +131,6 @@ def test_loading_holds_the_lock_of_numba(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_c_function_is_called_by_its_address() -> None:
-    from ctypes import CFUNCTYPE, c_double
-
     function = CFunction(types.float64(types.float64), lambda x: 3.0 * x)
     assert CFUNCTYPE(c_double, c_double)(function.address)(2.0) == 6.0 == function(2.0)
 
@@ -160,6 +161,16 @@ def test_damaged_file_is_recompiled(compiled: Callable[..., Any], tmp_path: Path
     DAMAGE[damage](file)
     assert hits(compiled()) == 0
     assert hits(compiled()) == (0 if damage == "a folder" else 1)
+
+
+@POSIX
+def test_code_with_an_address_of_this_process_is_not_kept(tmp_path: Path) -> None:
+    power = CDLL(find_library("m")).pow
+    power.argtypes, power.restype = [c_double, c_double], c_double
+    assert native(lambda x: power(x, 2.0))(3.0) == 9.0 and not files(tmp_path)
+    disk = cache.DiskCache("power", "0")
+    assert disk.cache_path == str(tmp_path / "cache" / "hapscene")
+    assert disk.lock_path() == tmp_path / "cache" / "hapscene" / "power-0.lock"
 
 
 @POSIX

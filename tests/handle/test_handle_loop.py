@@ -108,11 +108,10 @@ def test_estimate_follows_a_changing_grip() -> None:
 
 
 QUIET = Sensor(noise_m_s2_rtHz=1e-4)
-RECORDED: dict[str, tuple[Plant, tuple[Sensor, Sensor | None], float, str]] = {
+RECORDED: dict[str, tuple[Plant, tuple[Sensor, Sensor | None, float], str]] = {
     "another handle and sensor": (
         Plant(0.017, 250.0, 0.3, 0.1, 900.0, 5.0, amplifier_Hz=3000.0),
-        (Sensor(4e-4, 1200.0), Sensor(2.5e-4)),
-        2e4,
+        (Sensor(4e-4, 1200.0), Sensor(2.5e-4), 2e4),
         """
         1 0 4.97392624e-05 0.000421270242 1 0.00518371127 0.101388127 0.124746925 0.863739569 0.487499018
         1.2874612 4.61031616 0.000129139488 0.202792293 0.000793003217 20000 0 0 1.14126725e-05
@@ -122,8 +121,7 @@ RECORDED: dict[str, tuple[Plant, tuple[Sensor, Sensor | None], float, str]] = {
     ),
     "a stop nearby": (
         Plant(0.01, 250.0, 0.15, 0.22, 4000.0, 20.0, travel_limit_m=0.003),
-        (replace(QUIET, force_measured=False), None),
-        1e3,
+        (replace(QUIET, force_measured=False), None, 1e3),
         """
         0.460636916 242.666667 -0.000538565245 0 1 0.00518371127 0.203016896 0.383617818 2.59492478 2.55419306
         7.09280266 2.04930721 5.6343041e-05 0.128068915 0.000899922316 20000 3 0 0.000383042782 2.12369616e-06
@@ -132,8 +130,7 @@ RECORDED: dict[str, tuple[Plant, tuple[Sensor, Sensor | None], float, str]] = {
     ),
     "a heavy handle": (
         Plant(m_h_kg=0.27),
-        (Sensor(1e-3), Sensor(4e-4, force_measured=False)),
-        100.0,
+        (Sensor(1e-3), Sensor(4e-4, force_measured=False), 100.0),
         """
         1 6090 0.000707871748 0.00056794472 1 0.00258975023 0.219015075 0.174247038 1.04260043 0.692754789
         0.329616927 1.47111297 4.61912956e-05 0.225941224 0.000766498798 40000 0 0 0.0254553166 0 0.001296
@@ -142,8 +139,7 @@ RECORDED: dict[str, tuple[Plant, tuple[Sensor, Sensor | None], float, str]] = {
     ),
     "a light handle": (
         Plant(0.01, m_h_kg=0.05),
-        (QUIET, None),
-        2e4,
+        (QUIET, None, 2e4),
         """
         1 6152 -5.14789506e-06 0 1 0.00546094201 0.0735814204 0.122506672 0.74631392 0.654204556 1.09138376
         11.347067 0.000295292353 0.19545203 0.00159988305 40000 6 0 1.18732535e-05 0 0.001296 0.0321660973
@@ -151,13 +147,13 @@ RECORDED: dict[str, tuple[Plant, tuple[Sensor, Sensor | None], float, str]] = {
         """,
     ),
 }
-"""Plant, its sensor and the assumed one, loudness, and the results, which only an intended change may alter."""
+"""Plant; its sensor, the assumed one, loudness; and the results, which only an intended change may alter."""
 
 
 @pytest.mark.parametrize("name", RECORDED)
 def test_results_stay_the_same(name: str) -> None:
     """A chirp, three bursts that are far too strong, silence, and the chirp again, in pieces of 0.2 s."""
-    plant, sensors, loud, wanted = RECORDED[name]
+    plant, (*sensors, loud), wanted = RECORDED[name]
     t_s = np.arange(2000) / RATE_HZ
     soft = 3.0 * chirp(t_s, 15.0, t_s[-1], 900.0, "logarithmic")
     burst = loud * np.sin(2.0 * np.pi * 30.0 * t_s) * np.exp(-t_s / 0.05)

@@ -209,6 +209,7 @@ def test_a_handle_plays_until_it_is_closed(channel: Channel, in_a_thread: Simple
 def test_the_fault_of_an_output_reaches_the_application(channel: Channel, in_a_thread: SimpleNamespace) -> None:
     handle = LiveHandle(where(channel), 1e4, 0, os.getpid(), "fake", {})
     in_a_thread.output.error = "torn out"
+    handle._process.join()
     with pytest.raises(HandleError, match="torn out"):
         handle.update_report()
     handle.close()
