@@ -228,6 +228,8 @@ def test_selected_processor_excludes_code_of_the_wheel(monkeypatch: pytest.Monke
 def test_long_compilation_is_reported_in_one_line(terminal: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     screen = io.StringIO()
     screen.isatty = lambda: terminal  # type: ignore[method-assign]
+    flushed: list[int] = []
+    screen.flush = lambda: flushed.append(screen.tell())  # type: ignore[method-assign]
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
     monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=iter([100.0, 103.0] * 3).__next__))
@@ -240,6 +242,7 @@ def test_long_compilation_is_reported_in_one_line(terminal: bool, monkeypatch: p
     lines = [*(f"{shown}{k}" for k in (1, 2, 3)), f"{shown}3 done in 3 s\n"] if terminal else []
     assert (line, later) == (shown if terminal else f"{shown} done in 3 s\n", lines)
     begun = len(screen.getvalue())
+    assert flushed[-1] == begun and len(flushed) == len(lines) + 2 - terminal
     with compiling(one, other):  # they are in the cache
         native(lambda x: inner(x) + 2.0)(1.0)
     assert screen.getvalue()[begun:].startswith("compiling 1 function (first run, about 10 s) … ")
