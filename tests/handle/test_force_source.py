@@ -48,19 +48,12 @@ def test_its_response_is_that_of_the_model(rate_Hz: float, tolerance: float) -> 
 
 
 def test_noise_and_tremor_have_their_densities() -> None:
-    """At rest: noise through the pole of the accelerometer, tremor through its own on the mass."""
+    """Noise of the accelerometer, through its pole; tremor, as recorded."""
     still = np.zeros(400_000)
     noise = SimulatedSource(Plant(), RATE_HZ, 0.02, tremor_N=0.0).advance(still)[0]
-    assert noise.std() == pytest.approx(
-        0.02 * np.sqrt(0.5 * RATE_HZ) * np.sqrt(np.tanh(np.pi * 1600.0 / RATE_HZ)), rel=0.02
-    )
-    stiff = Plant(k_s_N_m=1e9, m_c_kg=1e-9, k_u_N_m=1e5, b_u_Ns_m=50.0, m_h_kg=0.05)
-    shaken = SimulatedSource(stiff, RATE_HZ, 0.0, tremor_N=0.1, seed=2).advance(still)
-    assert shaken[0].std() == pytest.approx(0.4694272, rel=1e-6)
-    late, now = (
-        SimulatedSource(Plant(), RATE_HZ, 0.02, delay_s=delay_s).advance(still[:500])[0] for delay_s in (5e-4, 0.0)
-    )
-    np.testing.assert_allclose(late[5:], now[:-5], rtol=1e-9)
+    assert noise.std() == pytest.approx(np.sqrt(2.0 * RATE_HZ * np.tanh(np.pi * 1600.0 / RATE_HZ)) * 0.01, rel=0.02)
+    free = SimulatedSource(Plant(k_u_N_m=0.0), RATE_HZ, 0.0, tremor_N=0.1).advance(still)[0]
+    assert free.std() == pytest.approx(0.6165648, rel=1e-6)
 
 
 def test_forces_beyond_the_limits_are_refused() -> None:

@@ -235,8 +235,6 @@ def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(HandleError, match=next(iter(wrong))):
         board(wire, **wrong)
     assert wire.closed and not wire.sent
-    for edge in ({"watchdog_s": 0.005}, {"watchdog_s": 1.0}, {"limit_N": 999.0}):
-        board(Wire(peer()), **edge).close()
 
 
 @pytest.mark.parametrize(("way", "words"), [("gone", "disconnected: torn out"), ("silent", "no data")])
