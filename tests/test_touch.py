@@ -132,7 +132,7 @@ def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:
     assert counted["FORCE_LIMITED"] == 5 and counted["UNSETTLED"] == 6 and counted["EFFECT_MUTED"] == 0
 
 
-def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
+def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene.save(tmp_path / "plate.scene.json")
     assert [body.name for body in open_scene(tmp_path / "plate.scene.json").bodies] == ["plate"]
     with pytest.raises(SceneError, match="--unit"):
@@ -141,6 +141,8 @@ def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
     opened = open_scene(tmp_path / "cube.stl", unit="mm", two_sided=True)
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(0.02 * np.sqrt(3))
     assert opened.bodies[0].two_sided
+    monkeypatch.setattr("hapscene.exchange.painted_scene", lambda *given, **how: pytest.fail("the paint of the file"))
+    assert "wood" in [swatch.name for swatch in open_scene(tmp_path / "cube.stl", "mm", "wood").swatches]
 
 
 def bowl(two_sided: bool = False) -> Scene:

@@ -100,7 +100,10 @@ def test_changed_constant_of_a_callee_recompiles(compiled: Callable[..., Any]) -
 
 def test_inlined_function_alone_and_in_a_caller() -> None:
     part = inlined(lambda x: 2.0 * x)
-    assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
+    caller = native(lambda x: part(x) + part(x))
+    assert part(21.0) == caller(10.5) == 42.0
+    (code,) = caller.whole.inspect_llvm().values()
+    assert code.count("define") == 3  # the function, and its wrappers for Python and C
     assert native(source).__name__ == "source" and native(source).__module__ == __name__
 
 
