@@ -199,6 +199,16 @@ def test_folder_of_another_user_is_not_used(compiled: Callable[..., Any], tmp_pa
         assert hits(compiled()) == 0
 
 
+def test_without_a_folder_code_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "plain").touch()
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "plain"))
+    cache.warn_not_kept.cache_clear()
+    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
+        assert native(lambda x: x * 13.0)(1.0) == 13.0
+    disk = cache.DiskCache("power", "0")
+    assert (cache.cache_folder(), disk.lock_path(), disk.cache_path) == (None, None, "")
+
+
 def test_code_of_a_wheel_is_used(compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Code for a processor with a subset of our features is used if the cache of the user is empty."""
     codegen = native(lambda x: x).whole.targetctx.codegen()
