@@ -1,5 +1,6 @@
 """Compiled functions: disk cache, its safety and keys, and progress."""
 
+import functools
 import importlib
 import io
 import os
@@ -289,6 +290,7 @@ def test_digest_distinguishes_operators_names_and_defaults() -> None:
         (lambda x, k=1: x + k, lambda x, k=2: x + k),
     ):
         assert digest.digest_of(one)[0] == digest.digest_of(copy_of(one))[0] != digest.digest_of(other)[0]
+    assert digest._text(functools.partial(max)) == "functools.partial"  # without the address
 
 
 def copy_of(function: Any) -> Any:
