@@ -141,7 +141,7 @@ def test_limits_and_short_values() -> None:
     assert texts == [repr("a\n"), "0.5", "None", "list", "'" + "x" * 56 + "…"]
     for number, words in ((3, "later than 2"), (0, "from 1 to 2"), (1.0, "not 1.0"), ("true", "not True")):
         with pytest.raises(FormatError, match=words):
-            files.parse_format(f'{{"format": "thing", "version": {number}}}', "a thing", "thing", 2)
+            files.parse_format(f'{{"format": "swatch", "version": {number}}}', "a swatch", "swatch", 2)
 
 
 # Temporary files of processes that were killed.
