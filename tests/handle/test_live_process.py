@@ -184,11 +184,8 @@ def in_a_thread(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 def test_a_handle_plays_until_it_is_closed(channel: Channel, in_a_thread: SimpleNamespace) -> None:
     output = in_a_thread.output
     handle = LiveHandle(where(channel), 1e4, 0, os.getpid(), "fake", {"port": "x"})
-    shown = handle.report
-    assert shown["output_latency_s"] == 0.03 and shown["latency_s"] == pytest.approx(
-        0.03 + output.feed.latency_s, abs=2e-3
-    )
-    assert (shown["drift_ppm"], shown["gaps"], shown["underruns"]) == (0.0, 0, 2)
+    shown = [handle.report[name] for name in ("output_latency_s", "latency_s", "drift_ppm", "gaps", "underruns")]
+    assert shown == [0.03, pytest.approx(0.03 + output.feed.latency_s, abs=2e-3), 0.0, 0, 2]
     output.counts["underruns"] = 3
     handle.set_volume(0.25)
     assert output.feed._state[0].gain == 0.125 and output.feed._state[0].steered == 1 and output.feed.rate_Hz == 1e4
@@ -219,25 +216,17 @@ def test_the_fault_of_an_output_reaches_the_application(channel: Channel, in_a_t
 def test_a_process_that_does_not_answer_is_killed(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[Any] = []
 
-    class Process:
-        def __init__(self, **arguments: Any) -> None:
-            done.append(arguments["daemon"])
-            self.theirs = arguments["args"][0]
-            self.wire = Connection(os.dup(self.theirs.fileno()))
+    def process(args: tuple[Any, ...], daemon: bool, **named: Any) -> SimpleNamespace:
+        did = {name: lambda name=name: done.append(name) or True for name in ("start", "is_alive", "kill")}
+        wire = Connection(os.dup(args[0].fileno()))
+        return SimpleNamespace(join=lambda *limit_s: done.append((*limit_s, args[0].closed, daemon)), wire=wire, **did)
 
-        is_alive, start, kill = (
-            lambda self, name=name: done.append(name) or True for name in ("alive", "start", "kill")
-        )
-
-        def join(self, timeout_s: float | None = None) -> None:
-            done.append(timeout_s if self.theirs.closed else "not closed")
-
-    context = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=Process)
+    context = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=process)
     monkeypatch.setattr(multiprocessing, "get_context", lambda kind: context)
     monkeypatch.setattr(live_process, "START_S", 0.0)
     with pytest.raises(HandleError, match="no answer from the handle's process for 0 s"):
         LiveHandle(where(channel), 1e4, 0, os.getpid(), "fake", {})
-    assert done == [True, "start", live_process.ANSWER_S, "alive", "kill", None]
+    assert done == ["start", (live_process.ANSWER_S, True, True), "is_alive", "kill", (True, True)]
 
 
 @pytest.mark.parametrize(
