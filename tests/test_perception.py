@@ -21,6 +21,7 @@ def test_small_forces_are_judged_by_what_is_felt_of_them() -> None:
     least_N = perception.FORCE * perception.FORCE_LEAST_N
     assert force_jnd([0.0, 0.0, least_N], np.zeros(3)) == pytest.approx(1.0)
     assert force_jnd([0.0, 0.0, 1e-3], [0.0, 1e-3, 0.0]) < 0.1  # no direction is felt of nothing
+    assert force_jnd([0.0, 0.0, 0.5 * least_N], [0.0, 0.0, -3.0 * least_N]) == pytest.approx(2.5)
 
 
 def test_bands_hold_the_power_of_white_noise() -> None:
