@@ -38,6 +38,7 @@ def test_each_element_is_found() -> None:
         assert gather(arrays, i, j) == (i + 0.5, 6.0 * i + j, 3.0 * i, 2.0 * (6 * i + 2 * j), i, 4 + 24 + 4 + 12 + 4)
     count = sys.getrefcount(arrays.address)
     gather(arrays, 0, 0)
-    assert sys.getrefcount(arrays.address) == count
+    after = sys.getrefcount(arrays.address)
+    assert after == count
     with pytest.raises(HapsceneError, match="Arrays: every field must be an array"):
         gather(arrays._replace(every=1.0), 0, 0)
