@@ -21,6 +21,7 @@ def test_small_forces_are_judged_by_what_is_felt_of_them() -> None:
     least_N = perception.FORCE * perception.FORCE_LEAST_N
     assert force_jnd([0.0, 0.0, least_N], np.zeros(3)) == pytest.approx(1.0)
     assert force_jnd([0.0, 0.0, 1e-3], [0.0, 1e-3, 0.0]) < 0.1  # no direction is felt of nothing
+    assert force_jnd([0.0, 0.0, 0.5 * least_N], [0.0, 0.0, -3.0 * least_N]) == pytest.approx(2.5)
 
 
 def test_bands_hold_the_power_of_white_noise() -> None:
@@ -34,6 +35,16 @@ def test_a_line_is_in_its_band() -> None:
     rms = band_rms_m_s2(np.sin(2.0 * np.pi * 250.0 * t_s), 10_000.0, EDGES_HZ)
     at = int(np.searchsorted(EDGES_HZ, 250.0)) - 1
     assert rms[at] == pytest.approx(math.sqrt(0.5), rel=1e-3) and np.delete(rms, at).max() < 5e-3
+
+
+def test_a_band_takes_the_part_of_a_line_that_it_covers() -> None:
+    """Lines of 5 Hz width: one at 10 Hz, one at half of the rate."""
+    at = np.arange(40)
+    line, fastest = np.cos(2.0 * np.pi * 0.1 * at), (-1.0) ** at
+    rms = band_rms_m_s2(line, 100.0, [2.5, 7.5, 8.75, 10.0, 12.5, 17.5], "boxcar")
+    np.testing.assert_allclose(rms, np.sqrt([0.0, 0.125, 0.125, 0.25, 0.0]), atol=1e-7)
+    assert band_rms_m_s2(fastest, 100.0, [47.5, 50.0], "boxcar") == pytest.approx([math.sqrt(0.5)])
+    assert vibration_least_m_s2([30.0, 300.0, 600.0]) == pytest.approx([0.1, 0.1, 0.4])
 
 
 def test_two_decibels_in_every_band_are_one_jnd_and_what_is_not_felt_is_none() -> None:

@@ -4,8 +4,20 @@ import gc
 import weakref
 
 import numpy as np
+import pytest
 
-from hapscene.records import OUTPUT, SMALL_B, pack_small_arrays, records
+from hapscene.errors import HapsceneError
+from hapscene.records import BLOCK_MAX, OUTPUT, SMALL_B, block_of, pack_small_arrays, records
+
+
+def test_a_tick_has_an_integer_number_of_samples() -> None:
+    assert [block_of(*given) for given in ((1e-3, 1e4), (1e-3, 1e3), (1e-3, 1e3 * BLOCK_MAX), (1 / 44.1, 44.1))] == [
+        *(10, 1, BLOCK_MAX, 1)
+    ]
+    wrong = (0.0, 1e4), (1e-3, -1e4), (1e-3, np.inf), (np.nan, 1e4), (1e-3, 1e3 * BLOCK_MAX + 1e3), (1e-3, 400.0)
+    for given in (*wrong, (1e-3, 1e4 + 0.02)):
+        with pytest.raises(HapsceneError):
+            block_of(*given)
 
 
 class _Owner:

@@ -16,7 +16,17 @@ from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import MADE, cautions, is_model, open_scene, summarise, touch, touch_by_hand, why_nothing
+from hapscene.touch import (
+    MADE,
+    MADE_BY_HAND,
+    cautions,
+    is_model,
+    open_scene,
+    summarise,
+    touch,
+    touch_by_hand,
+    why_nothing,
+)
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +72,7 @@ def test_job_makes_every_file_and_they_agree(tmp_path: Path, scene: Scene, p_WT:
     times_us = summary["time_per_tick_us"]
     assert 0 < times_us["contact"]["median"] <= times_us["whole"]["median"] <= times_us["whole"]["max"]
     assert set(summary["flags"].values()) == {0}
+    assert (summary["depth_max_m"], summary["force_max_N"]) == pytest.approx((1e-3, 0.84), rel=0.03)
     assert recording.normal_force_N.max() == pytest.approx(0.8, rel=1e-3)
     assert len((tmp_path / "out" / "touch.csv").read_text(encoding="utf-8").splitlines()) == 401
     assert len(wavfile.read(tmp_path / "out" / "feel.wav")[1]) == 4000
@@ -75,6 +86,8 @@ def test_job_goes_on_without_gl(tmp_path: Path, scene: Scene, p_WT: np.ndarray, 
     made = touch(scene, tmp_path / "out", p_WT, say=said.append)
     assert [file.name for file in made] == [name for name in MADE if name != "scene.png"]
     lines = [line for line in "".join(said).splitlines() if "without" in line]
+    assert said[0] == "preparing 1 body of 12 faces … " and said[2] == "rendering 0.4 s of path … "
+    assert [text[-1] for text in said].count("\n") == 7 == sum(text.endswith("… ") for text in said) + 2
     assert len(lines) == 1 and "libosmesa6" in lines[0]
     assert {file.name for file in (tmp_path / "out").iterdir()} == {*MADE, "notes.txt"} - {"scene.png"}
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
@@ -111,11 +124,15 @@ def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:
     flags = np.zeros(len(p_WT), np.uint32)
     flags[:5] = Flag.FORCE_LIMITED | Flag.UNSETTLED
     flags[5] = Flag.UNSETTLED
-    counted = summarise(replace(recording, flags=flags), "")["flags"]
+    a_m_s2 = np.zeros_like(recording.a_m_s2)
+    a_m_s2[3, :2] = -2.0, 1.0
+    summary = summarise(replace(recording, flags=flags, a_m_s2=a_m_s2), "")
+    counted = summary["flags"]
+    assert summary["acceleration_max_m_s2"] == 2.0
     assert counted["FORCE_LIMITED"] == 5 and counted["UNSETTLED"] == 6 and counted["EFFECT_MUTED"] == 0
 
 
-def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
+def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene.save(tmp_path / "plate.scene.json")
     assert [body.name for body in open_scene(tmp_path / "plate.scene.json").bodies] == ["plate"]
     with pytest.raises(SceneError, match="--unit"):
@@ -124,6 +141,8 @@ def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
     opened = open_scene(tmp_path / "cube.stl", unit="mm", two_sided=True)
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(0.02 * np.sqrt(3))
     assert opened.bodies[0].two_sided
+    monkeypatch.setattr("hapscene.exchange.painted_scene", lambda *given, **how: pytest.fail("the paint of the file"))
+    assert "wood" in [swatch.name for swatch in open_scene(tmp_path / "cube.stl", "mm", "wood").swatches]
 
 
 def bowl(two_sided: bool = False) -> Scene:
@@ -177,10 +196,11 @@ def test_closed_loop_without_contact_reports_the_reason(tmp_path: Path) -> None:
     def ready() -> Twin:
         return Twin(made_of, PointMass(0.045, 0.1, 0.26, 5.5e-5))
 
-    touch_by_hand(
+    made = touch_by_hand(
         made_of, tmp_path / "out", ReferenceTrajectory.along(into, "light"), ready, with_picture=False, say=said.append
     )
     assert "nothing was touched: the path crosses 'bowl'" in "".join(said)
+    assert [file.name for file in made] == [name for name in MADE_BY_HAND if name != "scene.png"]
 
 
 def test_silent_recording_suggests_a_textured_swatch(scene: Scene, p_WT: np.ndarray) -> None:

@@ -1,14 +1,18 @@
 """Compiled functions: disk cache, its safety and keys, and progress."""
 
+import functools
 import importlib
 import io
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from copy import copy
+from ctypes import CDLL, CFUNCTYPE, c_double
+from ctypes.util import find_library
 from pathlib import Path
-from types import SimpleNamespace
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numba
@@ -97,7 +101,11 @@ def test_changed_constant_of_a_callee_recompiles(compiled: Callable[..., Any]) -
 
 def test_inlined_function_alone_and_in_a_caller() -> None:
     part = inlined(lambda x: 2.0 * x)
-    assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
+    caller = native(lambda x: part(x) + part(x))
+    assert part(21.0) == caller(10.5) == 42.0
+    (code,) = caller.whole.inspect_llvm().values()
+    assert code.count("define") == 3  # the function, and its wrappers for Python and C
+    assert native(source).__name__ == "source" and native(source).__module__ == __name__
 
 
 def test_numba_code_calls_a_native_function() -> None:
@@ -127,8 +135,6 @@ def test_loading_holds_the_lock_of_numba(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_c_function_is_called_by_its_address() -> None:
-    from ctypes import CFUNCTYPE, c_double
-
     function = CFunction(types.float64(types.float64), lambda x: 3.0 * x)
     assert CFUNCTYPE(c_double, c_double)(function.address)(2.0) == 6.0 == function(2.0)
 
@@ -162,6 +168,16 @@ def test_damaged_file_is_recompiled(compiled: Callable[..., Any], tmp_path: Path
 
 
 @POSIX
+def test_code_with_an_address_of_this_process_is_not_kept(tmp_path: Path) -> None:
+    power = CDLL(find_library("m")).pow
+    power.argtypes, power.restype = [c_double, c_double], c_double
+    assert native(lambda x: power(x, 2.0))(3.0) == 9.0 and not files(tmp_path)
+    disk = cache.DiskCache("power", "0")
+    assert disk.cache_path == str(tmp_path / "cache" / "hapscene")
+    assert disk.lock_path() == tmp_path / "cache" / "hapscene" / "power-0.lock"
+
+
+@POSIX
 @pytest.mark.parametrize("place", ["", "hapscene"])
 def test_folder_writable_by_others_is_not_used(compiled: Callable[..., Any], tmp_path: Path, place: str) -> None:
     compiled()
@@ -182,6 +198,16 @@ def test_folder_of_another_user_is_not_used(compiled: Callable[..., Any], tmp_pa
     cache.warn_not_kept.cache_clear()
     with pytest.warns(RuntimeWarning):
         assert hits(compiled()) == 0
+
+
+def test_without_a_folder_code_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "plain").touch()
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "plain"))
+    cache.warn_not_kept.cache_clear()
+    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
+        assert native(lambda x: x * 13.0)(1.0) == 13.0
+    disk = cache.DiskCache("power", "0")
+    assert (cache.cache_folder(), disk.lock_path(), disk.cache_path) == (None, None, "")
 
 
 def test_code_of_a_wheel_is_used(compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,16 +242,24 @@ def test_selected_processor_excludes_code_of_the_wheel(monkeypatch: pytest.Monke
 def test_long_compilation_is_reported_in_one_line(terminal: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     screen = io.StringIO()
     screen.isatty = lambda: terminal  # type: ignore[method-assign]
+    flushed: list[int] = []
+    screen.flush = lambda: flushed.append(screen.tell())  # type: ignore[method-assign]
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
-    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=iter([100.0, 103.0, 200.0, 203.0]).__next__))
-    with progress.compiling(2):
-        native(lambda x: x * 5.0)(1.0)
-        native(lambda x: x * 7.0)(1.0)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=iter([100.0, 103.0] * 3).__next__))
+    inner = native(lambda x: x * 5.0)
+    one, other = native(lambda x: inner(x) + 1.0), native(lambda x: inner(x) - 1.0)
+    with compiling(one, other):
+        assert (one(1.0), other(1.0)) == (6.0, 4.0)
     line, *later = screen.getvalue().split("\r")
-    shown = "compiling 2 functions (first run, about 20 s) … "
-    lines = [f"{shown}1", f"{shown}2", f"{shown}2 done in 3 s\n"] if terminal else []
+    shown = "compiling 3 functions (first run, about 30 s) … "
+    lines = [*(f"{shown}{k}" for k in (1, 2, 3)), f"{shown}3 done in 3 s\n"] if terminal else []
     assert (line, later) == (shown if terminal else f"{shown} done in 3 s\n", lines)
+    begun = len(screen.getvalue())
+    assert flushed[-1] == begun and len(flushed) == len(lines) + 2 - terminal
+    with compiling(one, other):  # they are in the cache
+        native(lambda x: inner(x) + 2.0)(1.0)
+    assert screen.getvalue()[begun:].startswith("compiling 1 function (first run, about 10 s) … ")
     monkeypatch.setattr(sys, "stderr", None)  # as in a program without a console
     with compiling():
         assert native(lambda x: x * 9.0)(1.0) == 9.0
@@ -247,6 +281,34 @@ def test_digest_includes_nested_constants() -> None:
 
     tripled.__qualname__ = doubled.__qualname__
     assert digest.digest_of(doubled)[0] != digest.digest_of(tripled)[0]
+
+
+def test_digest_distinguishes_operators_names_and_defaults() -> None:
+    for one, other in (
+        (lambda x: x + x, lambda x: x - x),
+        (lambda x: np.sin(x), lambda x: np.cos(x)),
+        (lambda x, k=1: x + k, lambda x, k=2: x + k),
+    ):
+        assert digest.digest_of(one)[0] == digest.digest_of(copy_of(one))[0] != digest.digest_of(other)[0]
+    assert digest._text(functools.partial(max)) == "functools.partial"  # without the address
+
+
+def copy_of(function: Any) -> Any:
+    return FunctionType(function.__code__, globals(), function.__name__, function.__defaults__, function.__closure__)
+
+
+def test_unused_files_are_removed_after_30_days(compiled: Callable[..., Any], tmp_path: Path) -> None:
+    compiled()
+    (used,) = files(tmp_path)
+    now_s = time.time()
+    for name, days in (("old.nbc", 31), ("recent.nbc", 29)):
+        (used.parent / name).touch()
+        os.utime(used.parent / name, (now_s, now_s - days * 86_400.0))
+    os.utime(used, (0.0, 0.0))
+    assert hits(compiled()) == 1 and used.stat().st_mtime > now_s - 3600.0  # it was used
+    cache._remove_old.cache_clear()
+    compiled(factor=3.0)
+    assert {"old.nbc", "recent.nbc", used.name} - {file.name for file in files(tmp_path)} == {"old.nbc"}
 
 
 def test_digest_distinguishes_inlining() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, asymptote, identify, sampled_response
+from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, _Fit, asymptote, identify, sampled_response
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.measure import Response, Sweep, estimate_response
 from hapscene.handle.plant import Plant
@@ -71,6 +71,56 @@ def test_default_handle_is_identified() -> None:
     assert found.misfit == pytest.approx(1.0, abs=0.05) and not found.absent
     assert found.band_Hz == pytest.approx((10.0, 1000.0), rel=0.05)
     assert found.plant.amplifier_Hz == pytest.approx(5000.0, rel=0.03) and abs(found.delay_s) < 1e-6
+
+
+def test_an_identification_stays_the_same() -> None:
+    """Recorded: only an intended change of the fit or of the simulated handle may alter it."""
+    responses = measured(
+        Plant(0.02, 300.0), [("a", 300.0, 4.0), ("b", 1500.0, 8.0)], Sweep(high_Hz=600.0, sweep_s=3.0), 1
+    )
+    found = identify(responses, RATE_HZ, ["a", "b"])
+    handle, (a, b) = found.plant, found.grips
+    numbers = [handle.m_c_kg, handle.k_s_N_m, handle.b_s_Ns_m, handle.m_h_kg, handle.amplifier_Hz, found.delay_s]
+    numbers += [*a.intervals["k_u_N_m"], *b.intervals["b_u_Ns_m"], *found.intervals["amplifier_Hz"]]
+    numbers += [*found.intervals["m_c_kg"], found.misfit, found.asymptote_kg, *found.asymptote_Hz, *found.band_Hz]
+    numbers += [a.coherence, a.coherence_least, b.coherence, b.coherence_least, handle.k_u_N_m, handle.b_u_Ns_m]
+    recorded = """
+        0.01929855 291.4391 0.301376 0.1199956 4934.324 -2.855402e-07 197.6484 381.2382 7.743403 8.17841
+        4370.605 5664.992 0.01838362 0.02025901 1.012953 0.1199283 161.5251 323.0503 10.84183 593.2341
+        0.9997774 0.8321066 0.999778 0.9564815 640.4595 5.564004
+    """
+    assert numbers == pytest.approx([float(word) for word in recorded.split()], rel=2e-4)
+    fields = [np.abs(column).sum() for column in vars(responses[1]).values()]
+    assert [len(responses[1].freedom), *fields] == pytest.approx(
+        [107, 19759.73, 169.7225, 1177.467, 106.7805, 12.26186, 4292, 1.853603e08], rel=1e-6
+    )
+    assert found.sensor.delay_s == pytest.approx(found.delay_s + 9.176022e-05, abs=1e-8)
+
+
+def test_the_search_starts_at_the_guess_scaled_by_the_mass() -> None:
+    responses = measured(Plant(), [("light", 150.0, 5.0), ("firm", 1500.0, 5.0)], Sweep(sweep_s=3.0))
+    fit = _Fit(responses, RATE_HZ, Plant(0.03, 500.0, 0.6, 0.24, 1000.0, 10.0), 1600.0)
+    starts = fit._starts([1.0 / (0.1 * np.abs(response.response)) for response in responses])
+    scale = fit.asymptote[0] / 0.24
+    best = np.exp(starts[0])
+    assert best[[0, 1, 2, 3]] == pytest.approx(scale * np.array([0.03, 500.0, 0.6, 0.24]))
+    assert best[6:] == pytest.approx(scale * np.array([300.0, 10.0, 3000.0, 10.0]))
+    assert starts[0][[4, 5]] == pytest.approx(1e4 / (2.0 * np.pi * 5000.0))
+    assert sorted(np.exp(x[1]) / 500.0 / scale for x in starts) == pytest.approx([0.25, 0.5, 1.0, 2.0, 4.0])
+    x = starts[0]
+    for signed, same in ((-x[4], x[4]), (2e3, 1e3)):  # the search has no bounds
+        one, other = (np.concatenate([x[:4], [tau, 3e3], x[6:]]) for tau in (signed, same))
+        assert np.array_equal(fit.model(one, 1), fit.model(other, 1))
+
+
+def test_the_octave_of_the_mass_is_one_that_all_grips_share() -> None:
+    f_Hz = np.geomspace(10.0, 1000.0, 160)
+    flat = np.where((f_Hz > 50.0) & (f_Hz < 400.0), (f_Hz / 50.0) ** 0.1, 1.0)
+    both = [Response(f_Hz[k], *[flat[k]] * 6) for k in (f_Hz < 400.0, f_Hz > 50.0)]
+    mass_kg, (low_Hz, high_Hz) = asymptote(both)
+    assert 50.0 < low_Hz < high_Hz == 2.0 * low_Hz < 400.1 and mass_kg == pytest.approx(
+        (1.4 * low_Hz / 50.0) ** -0.1, rel=0.02
+    )
 
 
 def test_the_first_estimate_of_the_mass_is_within_2_percent() -> None:

@@ -47,6 +47,15 @@ def test_its_response_is_that_of_the_model(rate_Hz: float, tolerance: float) -> 
     assert np.abs(model / measured - 1.0).max() < tolerance
 
 
+def test_noise_and_tremor_have_their_densities() -> None:
+    """Noise of the accelerometer, through its pole; tremor, as recorded."""
+    still = np.zeros(400_000)
+    noise = SimulatedSource(Plant(), RATE_HZ, 0.02, tremor_N=0.0).advance(still)[0]
+    assert noise.std() == pytest.approx(np.sqrt(2.0 * RATE_HZ * np.tanh(np.pi * 1600.0 / RATE_HZ)) * 0.01, rel=0.02)
+    free = SimulatedSource(Plant(k_u_N_m=0.0), RATE_HZ, 0.0, tremor_N=0.1).advance(still)[0]
+    assert free.std() == pytest.approx(0.6165648, rel=1e-6)
+
+
 def test_forces_beyond_the_limits_are_refused() -> None:
     with pytest.raises(HandleError, match=r"7 N.*6\.6 N"):
         quiet(Plant()).play(np.full(10, 7.0))

@@ -1,6 +1,8 @@
 """Handle files: written and read exactly, errors for invalid content."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +10,7 @@ import pytest
 
 from hapscene.errors import HandleError
 from hapscene.handle.fit import Identification, IdentifiedGrip
-from hapscene.handle.handle_file import handle_from_json, handle_to_json, load_handle, save_handle
+from hapscene.handle.handle_file import describe_lines, handle_from_json, handle_to_json, load_handle, save_handle
 from hapscene.handle.plant import Plant
 
 GRIPS = (
@@ -67,9 +69,16 @@ def test_invalid_content_is_refused(text: str, words: str) -> None:
         handle_from_json(text)
 
 
-def test_invalid_handles_are_not_written(tmp_path: Path) -> None:
-    from dataclasses import replace
+def test_a_handle_is_described_with_all_its_numbers() -> None:
+    handle = replace(HANDLE, intervals=HANDLE.intervals | {"k_s_N_m": (250.0, 250.0)})
+    found = re.findall(r"[ (](-?\d[\d.]*)", "\n".join(describe_lines(handle)[1:]))
+    wanted = "300 290 310 15 250.000000 250.000000 250.000000 0.3 4321 4000 4700 1.000 0.87 151 140 163 2.70 2.60 2.80"
+    assert " ".join(found) == f"{wanted} 0.999 0.90 0.3333 12 300 160 320 1600 0 6.6 5 1.01"
+    for misfit, more in ((2.0, 0), (2.01, 1)):
+        assert len(describe_lines(replace(handle, misfit=misfit))) == len(describe_lines(handle)) + more
 
+
+def test_invalid_handles_are_not_written(tmp_path: Path) -> None:
     for handle, path in (
         (replace(HANDLE, misfit=float("nan")), "a.handle"),
         (replace(HANDLE, delay_s=1e20), "a.handle"),

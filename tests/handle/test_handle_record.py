@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle import COMPENSATORS, Plant
+from hapscene.handle import COMPENSATORS, Plant, Sensor
 from hapscene.handle.handle_dynamics import amplify
 from hapscene.handle.handle_loop import _lead
 from hapscene.handle.handle_record import RATE_MAX_HZ, RATE_MIN_HZ, new_handle
@@ -42,6 +42,12 @@ def test_the_lower_limit_of_plant_and_nominal_plant_applies() -> None:
         h = new_handle(plant, nominal, "adaptive", RATE_HZ)[0]
         assert h.force_limit_N == 2.0 and h.room_m < 0.002 and h.travel_limit_m == plant.travel_limit_m
         assert h.m_h_kg == plant.m_h_kg and h.impact_N == 0.25 * nominal.force_limit_N
+
+
+def test_neither_sensor_may_be_later_than_the_memory_is_long() -> None:
+    for sensors in ((Sensor(9e-3), Sensor()), (Sensor(), Sensor(9e-3))):
+        with pytest.raises(HandleError, match="delay_s must be at most"):
+            new_handle(Plant(), Plant(), "adaptive", 100_000.0, 0, *sensors)
 
 
 @pytest.mark.parametrize("rate_Hz", [0.99 * RATE_MIN_HZ, 1.01 * RATE_MAX_HZ, np.nan])

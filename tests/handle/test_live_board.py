@@ -195,6 +195,48 @@ def test_after_a_suspended_computer_the_force_fades_in() -> None:
     assert number[-1] - number[0] >= len(number)  # what was lost has its numbers
 
 
+def test_an_empty_buffer_and_limited_forces_are_counted() -> None:
+    """The computer is late by more than the buffer holds, and by less than the watchdog's time; the board has 1 N."""
+    wire, feed, late = Wire(peer(1.0)), Sine(), list[np.ndarray]()
+
+    def busy(said: bytes) -> bytes:
+        if feed.count > 500 and not late:
+            late.append(rows(wire.peer.give(70)))
+        return said
+
+    wire.spoil = busy
+    live = board(wire)
+    live.start(feed)
+    wire.clock.until(lambda: feed.count > 1500)
+    live.close()
+    said = np.concatenate(list(wire.received))
+    limited = np.count_nonzero(said[:, 4] & LIMITED)
+    assert limited > 300 and late[0][-1, 4] & EMPTY and feed.fades == 2 and live.fault == ""
+    counts = {"underruns": 1, "watchdog": 0, "restarts": 0, "lost": 70}
+    assert abs(live.counts.pop("board_limited") - limited) <= 10 and live.counts == counts
+
+
+def test_a_start_line_that_is_lost_is_repeated() -> None:
+    wire, feed = Wire(peer()), Sine()
+    take, lost = wire.peer.take, [sealed(live_start(0.02, 1))]
+    wire.peer.take = lambda data: None if data in lost else take(data)  # type: ignore[method-assign]
+    live = board(wire)
+    live.start(feed)
+    wire.clock.until(lambda: feed.count > 100)
+    live.close()
+    assert feed.fades == 1 and not any(live.counts.values())
+    starts = [data for data in wire.sent if b"start watchdog" in data]
+    assert starts == [sealed(live_start(0.02, run)) for run in (1, 2)] and wire.sent[-1] == sealed(START)
+
+
+@pytest.mark.parametrize("wrong", [{"watchdog_s": 0.0049}, {"watchdog_s": 1.1}, {"limit_N": 0.0}, {"limit_N": 1e3}])
+def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    wire = Wire(peer())
+    with pytest.raises(HandleError, match=next(iter(wrong))):
+        board(wire, **wrong)
+    assert wire.closed and not wire.sent
+
+
 @pytest.mark.parametrize(("way", "words"), [("gone", "disconnected: torn out"), ("silent", "no data")])
 def test_a_disconnected_or_silent_board_is_reported(way: str, words: str) -> None:
     wire, feed = Wire(peer()), Sine()

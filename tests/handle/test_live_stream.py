@@ -169,3 +169,57 @@ def test_a_compensator_makes_the_force_that_the_simulated_handle_gets() -> None:
 def test_rates_that_are_too_far_apart_are_refused() -> None:
     with pytest.raises(HandleError, match="cannot be played at 100 Hz"):
         LiveStream(lambda count: np.zeros(0), RATE_HZ, output(rate_Hz=100.0), steered=False)
+
+
+def test_the_clock_control_stays_the_same() -> None:
+    """A clock 5000 ppm off, more than is corrected; a burst that is skipped; an end without notice. Recorded."""
+    clocks = Clocks(sine, 5000.0, ceiling=0.3, highpass_Hz=20.0)
+    s = clocks.stream._state[0]
+
+    def shown(seconds: float) -> list[float]:
+        out = clocks.run(seconds)
+        control = [s.part, s.change, s.in_hand, s.whole, s.state, s.windows, clocks.stream.drift]
+        return [*control, *clocks.stream.counts.values(), np.abs(out).mean()]
+
+    assert shown(2.0) == pytest.approx(
+        [0.232409495, 28.5768253, 97.1410242, 85483, 1, 2, 0.000571536507, 0, 0, 72000, 0, 0, 0.142269319], rel=1e-6
+    )
+    assert shown(8.0)[6] == pytest.approx(0.003)
+    clocks.t_s += 0.2
+    assert shown(1.5) == pytest.approx(
+        [0.042027001, 128.860626, 74.068829, 183027, 1, 2, 0.00257721252, 0, 1, 528000, 0, 0, 0.127362352], rel=1e-6
+    )
+    clocks.stopped_s = clocks.t_s
+    assert shown(0.5) == pytest.approx(
+        [0.928089599, 128.860626, -512.566803, 188039, 0, 0, 0.00257721252, 1, 1, 552000, 0, 0, 0.00370745972], rel=1e-6
+    )
+    assert clocks.stream.latency_s == 0.002  # nothing in hand
+    clocks.stream.end()
+    clocks.run(0.1)
+    assert clocks.stream.over and clocks.stream.played == s.whole - 65_536
+
+
+def test_feeding_volume_and_measurements() -> None:
+    wanted, parts = [], [np.array([np.nan, -1e9]), np.ones(40_000), None]
+
+    def fetch(count: int) -> np.ndarray:
+        wanted.append(count)
+        return parts.pop(0)
+
+    handle = new_handle(Plant(), Plant(), "adaptive", RATE_HZ)
+    stream = LiveStream(fetch, RATE_HZ, output(rate_Hz=RATE_HZ, gain=0.5), handle=handle, steered=False)
+    s, half = stream._state[0], stream._table.shape[1] // 2
+    assert stream.latency_s == pytest.approx((20 + 40) / RATE_HZ) and not stream.over and stream.played == 0
+    assert not stream.pull(np.zeros(0)) and stream._ring[:3].tolist() == [0.0, -1e6, 0.0]
+    assert s.written == 65_538 and stream.counts["not_finite"] == 1
+    assert not stream.pull(np.zeros(100)) and s.written == 65_538 + 32_768  # the newest half of the ring
+    assert stream.pull(np.zeros(100)) and stream.played == 200
+    assert wanted == [half + 2, half + 2 + 100 - 2, 0]
+    for volume, gain in ((0.25, 0.125), (2.0, 0.5), (-1.0, 0.0)):
+        stream.set_volume(volume)
+        assert s.gain == gain
+    stream.receive_feedback(np.arange(50), np.zeros(50), np.zeros(50))
+    assert handle[0].next_sample == 30 and handle[0].pause == 0
+    assert s.state != 0 and s.faded > 0.0
+    stream.fade_in()
+    assert (s.state, s.faded, s.windows) == (0, 0.0, 0)

@@ -70,6 +70,14 @@ def test_grips_of_different_rates_are_refused(recordings: list[GripRecording], t
         load_grips([str(tmp_path / "a.npz"), str(tmp_path / "b.npz")])
 
 
+def test_a_response_ends_below_half_of_the_rate() -> None:
+    noise = np.random.default_rng(0).standard_normal(20_000)
+    found = [GripRecording("x", noise, noise, 1000.0).response((20.0, high_Hz)) for high_Hz in (300.0, 600.0)]
+    low = np.fft.irfft(np.fft.rfft(noise) * (np.fft.rfftfreq(len(noise), 1e-3) < 100.0))
+    found.append(GripRecording("x", low, low, 1000.0).response((20.0, 300.0)))  # without the bands that have no force
+    assert [one.frequency_Hz[-1] for one in found] == pytest.approx([300.0, 450.0, 100.0], rel=0.03)
+
+
 def test_results_are_written(recordings: list[GripRecording], found: Identification, tmp_path: Path) -> None:
     responses = [recording.response((10.0, 600.0)) for recording in recordings]
     made = write_result(found, responses, recordings, tmp_path / "out")

@@ -48,6 +48,23 @@ def test_sweeps_out_of_range_are_refused(numbers: dict[str, float], word: str) -
         Sweep(**numbers)
 
 
+def test_the_force_is_the_farina_sweep_within_the_travel() -> None:
+    """Its phase in closed form, and the amplitude of the plant's largest travel nearby."""
+    sweep, plant = Sweep(20.0, 500.0, 2.0, 2.0), Plant()
+    f_Hz = np.array([20.0, 25.0, 60.0, 400.0])
+    near = plant.travel_response(f_Hz[:, None] * np.geomspace(1.0 / 1.5, 1.5, 25))
+    wanted = np.minimum(2.0, 0.5 * plant.travel_limit_m / np.abs(near).max(axis=1))
+    assert sweep.amplitude(f_Hz, plant) == pytest.approx(wanted) and wanted[0] < 1.0 < wanted[3] == 2.0
+    assert (sweep.amplitude(f_Hz, Plant(force_limit_N=0.5)) <= 0.5).all()
+    force, first, octaves = sweep.force(5000.0, plant), 20.0 / 1.06, np.log(500.0 * 1.06 / 20.0 * 1.06)
+    t_s = np.array([3000, 8000, 9990]) / 5000.0
+    at_Hz = first * np.exp(octaves * t_s / 2.0)
+    fade = np.sin(0.5 * np.pi * np.clip((2.0 - t_s) / (2.0 * np.log(1.06) / octaves), 0.0, 1.0)) ** 2
+    wave = np.sin(2.0 * np.pi * 2.0 / octaves * (at_Hz - first))
+    assert force[[3000, 8000, 9990]] == pytest.approx(sweep.amplitude(at_Hz, plant) * fade * wave, rel=1e-3)
+    assert len(force) == 15_000
+
+
 def test_a_rate_too_low_for_the_band_is_refused() -> None:
     with pytest.raises(HandleError, match=r"1000 Hz.*800 Hz"):
         Sweep().force(2000.0, Plant())

@@ -134,6 +134,16 @@ def test_the_directory_of_an_archive_is_limited(monkeypatch: pytest.MonkeyPatch)
             files.open_zip(packed, 1000, "")
 
 
+def test_limits_and_short_values() -> None:
+    limits = [files.unpacked_most_B(packed_B, 20_000_000) for packed_B in (1, 100_000, 10**9)]
+    assert limits == [5_000_000, 10_000_000, 20_000_000]
+    texts = [files.short(value) for value in ("a\n", 0.5, None, [1], "x" * 90)]
+    assert texts == [repr("a\n"), "0.5", "None", "list", "'" + "x" * 56 + "…"]
+    for number, words in ((3, "later than 2"), (0, "from 1 to 2"), (1.0, "not 1.0"), ("true", "not True")):
+        with pytest.raises(FormatError, match=words):
+            files.parse_format(f'{{"format": "swatch", "version": {number}}}', "a swatch", "swatch", 2)
+
+
 # Temporary files of processes that were killed.
 
 

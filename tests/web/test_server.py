@@ -79,7 +79,9 @@ def test_serves_its_files_with_the_token(opened: Opened) -> None:
         assert status(server.url + name) == 404, name
 
 
-def test_refuses_requests_without_token_of_other_hosts_and_origins(opened: Opened) -> None:
+def test_refuses_requests_without_token_of_other_hosts_and_origins(
+    opened: Opened, capfd: pytest.CaptureFixture[str]
+) -> None:
     server, _ = opened
     root = f"http://127.0.0.1:{server.address[1]}/"
     assert status(root) == status(root + "page.js") == status(root + "x" * 22 + "/") == 403
@@ -88,6 +90,27 @@ def test_refuses_requests_without_token_of_other_hosts_and_origins(opened: Opene
     for token, origin in (("x" * 22, ""), ("", ""), (None, "http://evil.example"), (None, None), (None, "null")):
         with pytest.raises(InvalidStatus, match="403"):
             connect(server, token, origin)
+    assert capfd.readouterr().err == ""
+
+
+def test_the_address_for_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Probe(contextlib.ExitStack):
+        asked: tuple[object, ...] = ()
+
+        def __init__(self, *kind: object) -> None:
+            super().__init__()
+
+        def connect(self, address: tuple[str, int]) -> None:
+            Probe.asked = address
+
+        def getsockname(self) -> tuple[str, int]:
+            return ("10.1.2.3" if Probe.asked else "0.0.0.0", 5)
+
+    monkeypatch.setattr(web_server.socket, "socket", Probe)
+    assert [web_server.url_host(host) for host in ("0.0.0.0", "::", "::1", "here")] == [
+        *("10.1.2.3", "10.1.2.3", "[::1]", "here")
+    ]
+    assert [web_server.is_address(name) for name in ("1.2.3.4", "::1", "here")] == [True, True, False]
 
 
 def test_messages_reach_the_program_and_every_page(opened: Opened) -> None:
@@ -99,7 +122,7 @@ def test_messages_reach_the_program_and_every_page(opened: Opened) -> None:
         assert taken.get(timeout=PATIENCE_S) == {"a": [1]}  # invalid JSON is ignored
         server.send({"b": 2})
         assert receive(one) == receive(other) == {"b": 2}
-    assert [taken.get(timeout=PATIENCE_S) for _ in range(2)] == ["left", "left"]
+    assert [taken.get(timeout=PATIENCE_S) for _ in range(2)] == ["left", "left"] and server.pages == []
 
 
 def test_too_long_and_too_many_messages_end_the_connection(opened: Opened) -> None:
@@ -148,7 +171,9 @@ def test_messages_before_the_end_arrive() -> None:
         assert joined.wait(PATIENCE_S)  # a ping is answered before the page is registered
         for number in range(10):
             server.send(number)
+        threads = [server._listener._thread, *server._listener._threads.values()]
         server.close()
+        assert len(threads) > 1 and not any(thread.is_alive() for thread in threads)
         assert [receive(tab) for _ in range(10)] == list(range(10))
 
 

@@ -9,17 +9,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hapscene.errors import HandleError
-from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
-from hapscene.handle.handle_file import save_handle
-from hapscene.handle.live_process import LiveHandle, compensator_of
+from hapscene.handle.live_process import LiveHandle
 from hapscene.handle.plant import Plant
 from hapscene.loop.shared_memory import Channel
 from tests.handle.serial_board import Peer, serve
@@ -133,32 +128,6 @@ def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Ch
     assert np.abs(strong).max() == pytest.approx(5.0 * mass_kg, rel=0.05)
     assert 0.01 < report["latency_s"] < 0.06 + 0.1 * (os.getloadavg()[0] > 1.0)  # a busy machine's ticks come in bursts
     assert not handle._process.is_alive()
-
-
-@pytest.mark.parametrize(
-    ("reads_back", "compensator", "kind"),
-    [(True, None, 3), (True, "flat", 2), (False, None, 2), (False, "adaptive", 0)],
-)
-def test_identified_handle_with_a_sensor_adapts(
-    reads_back: bool, compensator: str | None, kind: int, tmp_path: Path
-) -> None:
-    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
-    fields = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), 3e-4, 1600.0, 1e4, (10.0, 1000.0), 1.0)
-    save_handle(Identification(*fields), tmp_path / "ours.handle")
-    output: Any = SimpleNamespace(
-        name="mine", takes_force=True, reads_back=reads_back, rate_Hz=5000.0, ceiling=2.0, gain=0.5
-    )
-    assert compensator_of(output, None)[0].kind == 2
-    if kind == 0:
-        with pytest.raises(HandleError, match=r"'adaptive'.*mine"):
-            compensator_of(output, str(tmp_path / "ours.handle"), compensator)
-        return
-    h = compensator_of(output, str(tmp_path / "ours.handle"), compensator)[0]
-    assert h.kind == kind and h.force_limit_N == 4.0 and h.rate_Hz == 5000.0
-    if kind == 3:  # half a sample of the board's, and most of the accelerometer's pole
-        assert 3e-4 + 1e-4 < h.assumed_delay_s < 3e-4 + 2e-4 and h.force_measured == 0
-        with pytest.raises(HandleError, match="adaptive"):
-            compensator_of(output, None, "adaptive")
 
 
 def test_killed_application_stops_the_sound_and_leaves_no_process(
