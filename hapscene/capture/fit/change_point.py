@@ -55,7 +55,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
     """
     factor = max(1, int(rate_Hz // RATE_HZ))
     low = np.asarray(scipy.signal.decimate(signal, factor, ftype="fir")) if factor > 1 else signal
-    block = max(1, round(BLOCK_S * rate_Hz / factor))
+    block = round(BLOCK_S * rate_Hz / factor)
     count = len(low) // (COARSE * block) * COARSE
     shortest = -(-round(SEGMENT_MIN_S * rate_Hz / factor) // (COARSE * block))
     if count < 2 * shortest * COARSE or not np.any(low):

@@ -155,7 +155,7 @@ def _windows(channels: Streams, run: Run) -> Array:
     depth = depth + offset / slope if slope > 0.0 else depth - depth.min()
     angle = 2.0 * np.pi * (np.arange(width) + 0.5) / width
     mean, change = (1.0 - np.cos(angle)) / width, -2.0 * np.pi * np.sin(angle) / width**2 * rate
-    starts = np.arange(0, len(force) - width + 1, max(1, width // 2))
+    starts = np.arange(0, len(force) - width + 1, width // 2)
     cut = starts[:, None] + np.arange(width)
     return np.stack([force[cut] @ mean, depth[cut] @ mean, depth[cut] @ change, 0.5 * depth[cut] ** 2 @ change], axis=1)
 

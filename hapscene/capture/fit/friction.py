@@ -207,7 +207,7 @@ def _blocks(recordings: Sequence[SegmentedRecording]) -> _Blocks:
     rows, fine, strokes = [np.zeros((3, 0))], [np.zeros((0, FINE))], [np.zeros(0, np.intp)]
     for channels, states in recordings:
         assert channels.tangential_force_N is not None
-        length, edge = max(1, round(BLOCK_S * channels.rate_Hz)), round(EDGE_S * channels.rate_Hz)
+        length, edge = round(BLOCK_S * channels.rate_Hz), round(EDGE_S * channels.rate_Hz)
         streams = np.stack([channels.tangential_force_N, channels.force_N, channels.speed_m_s])
         middle = ((np.arange(FINE) + 0.5) * length / FINE).astype(np.intp)
         for start, end in states.runs(InteractionState.SLIDING):
@@ -244,7 +244,7 @@ def _strokes(speed_m_s: Array) -> NDArray[np.intp]:
     made, most = np.zeros(len(speed_m_s), np.intp), round(STROKE_S / BLOCK_S)
     for first, last in pairwise([*borders, len(made)]):
         pieces = max(1, (last - first) // most)
-        made[first:last] = made[first - 1] + 1 + np.arange(last - first) * pieces // max(1, last - first)
+        made[first:last] = made[first - 1] + 1 + np.arange(last - first) * pieces // (last - first)
     return np.asarray(made - made[0])
 
 
