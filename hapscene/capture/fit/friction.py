@@ -153,13 +153,13 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
         static, note = _of_breakaways(pulls, dynamic, intervals, absent)
     elif "friction_static" not in numbers:
         absent["friction_static"] = "the tool never starts from rest in the recording; the dynamic coefficient is used"
-    if max(static, dynamic) > FRICTION_MAX:
+    if static > FRICTION_MAX:
         raise CaptureError(
             f"friction coefficients {dynamic:.3g} and {static:.3g}; expected at most {FRICTION_MAX:g}: check units of "
             "both forces"
         )
     over_speed = (numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
-    return Friction(max(static, dynamic), dynamic, intervals, absent, note, *over_speed)
+    return Friction(static, dynamic, intervals, absent, note, *over_speed)
 
 
 def _of_breakaways(
