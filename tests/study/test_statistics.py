@@ -97,7 +97,11 @@ def test_shares_of_correct_answers_are_averaged_over_people() -> None:
 
 
 def test_differences_of_ratings_are_those_of_people_who_rated_both() -> None:
-    rated = {"alive": {"A": (5, 6), "B": (7,), "C": (1,)}, "steady": {"A": (2, 3), "B": (3, 4, 5)}, "rough": {"A": (3,)}}
+    rated = {
+        "alive": {"A": (5, 6), "B": (7,), "C": (1,)},
+        "steady": {"A": (2, 3), "B": (3, 4, 5)},
+        "rough": {"A": (3,)},
+    }
     rows = [
         {"person": who, "stimulus_1": name, "rating": str(one)}
         for name, people in rated.items()
