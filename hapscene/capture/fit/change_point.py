@@ -84,7 +84,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
 
 def _refined(signal: Array, coarse: Array, before: int, at: int, after: int, block: int) -> int:
     """Refines a change point near the coarse block `at`: the mean of all positions, weighted by likelihood [blocks]."""
-    first, last = max(before + 1, at - 2), min(after - 1, at + 2)
+    first, last = at - 2, at + 2  # within the segments beside it, which are longer
     fine = coarse[first] + _product_sums(signal[: last * COARSE * block], block, first * COARSE * block)
     floor = _floor(coarse)
     left, right = fine - coarse[before] + floor, coarse[after] - fine + floor
