@@ -180,6 +180,7 @@ BAD: dict[str, tuple[tuple[str, str], str]] = {
     "unit": (("mm/s</Speed", "furlong</Speed"), r"<SpeedUnits>: expected mm/s, found 'furlong'"),
     "rate": (("10000", "0"), r"<SampleRate>: expected 100 to 1000000 Hz, found 0"),
     "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: .*1 to 25"),
+    "negative triangle": (("<tri><value>", "<tri><value>-"), r"<tri> 1: .*1 to 25"),
     "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 2: expected 17 ARlsf as in model 1"),
     "nan": (("<var>", "<var>nan "), r"<model> 1, <var>: expected finite numbers, found 'nan"),
     "negative": (("<var>", "<var>-1"), r"<model> 1, <var>: expected a number, 0 or more, found '-1"),
