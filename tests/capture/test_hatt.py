@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from hapscene import cli
-from hapscene.capture.io.hatt import import_hatt, import_many
+from hapscene.capture.io.hatt import _decaying_sinusoid, import_hatt, import_many
 from hapscene.errors import SwatchError
 from hapscene.swatches.library import load_swatch
 
@@ -174,6 +174,15 @@ def test_unusual_but_valid_files(tmp_path: Path) -> None:
     path.write_text(text.replace("<mu>0.4</mu>", ""))
     swatch = import_hatt(path)
     assert swatch.friction_dynamic == 0 and "friction_dynamic" in swatch.absent
+
+
+@pytest.mark.parametrize("tap", [(2.0, 120.0, 40.0), (-3.0, 60.0, 100.0), (1.0, 350.0, 150.0)])
+def test_a_decaying_sinusoid_is_recovered(tap: tuple[float, float, float]) -> None:
+    amplitude, frequency_Hz, decay_1_s = tap
+    t_s = np.arange(300) / 1000.0
+    found = _decaying_sinusoid(amplitude * np.exp(-decay_1_s * t_s) * np.sin(2.0 * np.pi * frequency_Hz * t_s))
+    assert found == pytest.approx((abs(amplitude), frequency_Hz, decay_1_s))
+    assert _decaying_sinusoid(0.0 * t_s) == (0.0, 100.0, 100.0)
 
 
 BAD: dict[str, tuple[tuple[str, str], str]] = {

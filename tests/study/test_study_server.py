@@ -213,7 +213,7 @@ def test_a_fault_is_shown_and_answers_are_kept(ask: Callable[..., Asked]) -> Non
 
 
 def test_messages_are_ignored_while_an_interval_plays(ask: Callable[..., Asked]) -> None:
-    server, session, player = ask()
+    server, _, player = ask()
     order(server, **{"continue": True})
     number = server.state()["number"]
     player.free.clear()

@@ -8,8 +8,7 @@ import pytest
 
 from hapscene.capture.fit.distance import BAND_EDGES_HZ, band_power
 from hapscene.capture.report.compare import PLACES, Tap, _bands, compare, tap_energy
-from hapscene.surface.swatch import PLAIN, Swatch
-from hapscene.surface.swatch import touched_with
+from hapscene.surface.swatch import PLAIN, Swatch, touched_with
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
