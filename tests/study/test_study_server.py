@@ -119,7 +119,7 @@ def play_all(server: StudyServer) -> dict[str, Any]:
 
 
 def answer_all(server: StudyServer, session: Session, upto: int | None = None) -> list[dict[str, Any]]:
-    """Answer trials, and return what the page showed of them."""
+    """Answer trials, and return the states that the page showed."""
     shown = []
     while session.trial is not None and session.done != upto:
         state = server.state()

@@ -284,8 +284,7 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
 
 def _fit_leaving(recordings: Sequence[SegmentedRecording], found: ContactFit) -> None:
     bursts = [
-        _burst(channels, start, end, _leaving_speed(channels, end))
-        for channels, (start, end) in _ends(recordings)
+        _burst(channels, start, end, _leaving_speed(channels, end)) for channels, (start, end) in _ends(recordings)
     ]
     taps = [tap for tap in bursts if tap is not None]
     known = [tap for tap in taps if np.isfinite(tap.approach_m_s)]
