@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter1d
 
 from hapscene.capture.fit.contact import ContactFit, _burst, _pull, _windows, fit_contact
 from hapscene.capture.fit.segment import segment
@@ -121,13 +120,6 @@ def test_the_error_of_adhesion_is_its_scatter():
     np.testing.assert_allclose(found[:, 1].mean(axis=0), found[:, 0].std(axis=0), rtol=0.4)
 
 
-def test_adhesion_is_fitted_to_the_last_30_ms_of_a_contact():
-    ((channels, states),) = presses(adhesion=0.5, reach_m=1e-3)
-    deep = (channels.depth_m > 1e-3) & (maximum_filter1d(channels.depth_m, 401) - channels.depth_m < 1e-4)
-    channels.force_N[:] += np.roll(deep, -50) * 0.4 * np.sin(np.arange(len(deep)) / 2.0)  # until 50 ms before it rises
-    assert fit_contact([(channels, states)]).numbers["adhesion_N"] == pytest.approx(0.5, rel=0.05)
-
-
 def test_interval_of_a_parameter_is_not_negative():
     found = ContactFit()
     found.add(("one", "two"), np.array([1.0, 2.0]), np.array([3.0, 0.5]))
@@ -159,7 +151,7 @@ def test_bursts_are_stronger_than_the_vibration_around_them():
         tap = _burst(channels, first, 500, 0.1)
         assert tap.value == pytest.approx([20.0, 170.0, 80.0], rel=0.1)
     assert _burst(streams[2], 0, 500, 0.1) is None  # it goes on vibrating
-    assert _burst(streams[0], 515, 520, 0.1) is None or _burst(streams[0], 515, 520, 0.1).value[0] < 15.0
+    assert _burst(streams[0], 515, 520, 0.1) is None  # it began before the contact
 
 
 def test_vibration_of_leaving_over_speed():
