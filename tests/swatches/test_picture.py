@@ -36,6 +36,8 @@ def test_colour() -> None:
     seen = pixels(Swatch("red", albedo_rgb=(0.8, 0.1, 0.1)))
     assert seen.shape == (BALL_PX, BALL_PX, 4) and seen[0, 0, 3] == 0.0 and seen[36, 36, 3] == 1.0
     assert seen[36, 36, 0] > 3 * seen[36, 36, 2]
+    border = seen[(seen[..., 3] > 0.0) & (seen[..., 3] < 1.0), :3]
+    assert len(border) > 50 and np.abs(border - 0.5).max() < 0.1  # grey, however little of a pixel it covers
     assert seen[20, 24].sum() > seen[55, 50].sum()  # lit from the left above
     other = pixels(Swatch("red", albedo_rgb=(0.8, 0.1, 0.1)), (0.1, 0.1, 0.8))
     assert other[36, 36, 2] > 3 * other[36, 36, 0]
@@ -68,7 +70,7 @@ def test_shipped_pictures_have_the_colour_of_the_swatch(name: str) -> None:
 
 def test_peaks_have_a_prominence() -> None:
     """Above the higher one of the two lowest levels on the way to a higher peak or to the end."""
-    level = LINE_DB * np.array([0.0, 1.01, 0.0, 0.2, 1.2, 0.5, 3.0, 1.5, 2.45, 1.5, 2.6, 1.55])
+    level = LINE_DB * np.array([0.0, 1.01, 0.0, 0.2, 1.2, 0.5, 3.0, 1.5, 2.45, 1.0, 2.6, 1.55])
     assert _peaks(level) == [1, 6, 10]
     assert _peaks(level[::-1]) == [1, 5, 10]
 

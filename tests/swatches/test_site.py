@@ -202,6 +202,9 @@ def test_scale_contains_all_spectra_and_taps() -> None:
     assert top_dB % 10.0 == 0.0 and top_dB - 10.0 < max(level.max() for level in levels) <= top_dB
     assert tap_m_s2 == pytest.approx(1.1 * np.abs(wood.taps.transient(TAP_M_S, 1e4)).max(), rel=1e-6)
     assert scale_of([wood, louder]).top_dB == top_dB + 20.0 and scale_of([]) == (0.0, 1.1)
+    share = {"force_N": 0.4 / wood.texture.force_max_N, "speed_m_s": 0.04 / wood.texture.speed_max_m_s}
+    small = replace(wood.texture, **{name: part * getattr(wood.texture, name) for name, part in share.items()})
+    assert list(_spectra(replace(wood, texture=small))) == ["0.4 N, 40 mm/s"]
 
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())

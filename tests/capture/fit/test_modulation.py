@@ -51,8 +51,9 @@ def test_constant_speed_gives_modulation_over_time() -> None:
 
 def test_light_and_slow_parts_are_not_used() -> None:
     """Below a tenth of the largest force and speed of all stretches."""
-    one, force, speed = np.ones(1000), np.repeat([1.0, 0.15], 500), np.repeat([0.4, 0.03], [550, 450])
-    stretches = [Streams(1000.0, one, *streams, None) for streams in ((force, one), (2.0 * one, speed), (one, one))]
+    one, speed = np.ones(1000), np.repeat([0.4, 0.03], [550, 450])
+    streams = (np.repeat([1.0, 0.15], 500), one), (np.repeat([2.0, 0.5], 500), speed), (one, one)
+    stretches = [Streams(1000.0, one, *each, None) for each in streams]
     assert list(moving_runs(stretches, 0.05, 0.4)) == [(0, 0, 10, 50), (1, 0, 11, 50), (2, 0, 20, 50)]
     assert list(moving_runs(stretches[:1], 0.05, 0.4)) == [(0, 0, 20, 50)]
 
