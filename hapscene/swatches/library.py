@@ -303,15 +303,13 @@ def _locked(root: Path) -> Iterator[None]:
         return
     lock = FileLock(root / LOCK, timeout=LOCK_WAIT_S)
     try:
-        lock.acquire(poll_interval=0.01)
+        held = lock.acquire(poll_interval=0.01)
     except Timeout:
         raise SwatchError(f"{root}: another program has been writing there for {LOCK_WAIT_S:g} s: try again") from None
     except OSError as error:
         raise SwatchError(f"{root}: cannot be written: {error.strerror or error}") from None
-    try:
+    with held:
         yield
-    finally:
-        lock.release()
 
 
 @contextmanager

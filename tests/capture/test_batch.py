@@ -82,6 +82,9 @@ def test_a_swatch_of_another_recording_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"r00\.swatch"):
         fitted([two], tmp_path / "out")
     assert (tmp_path / "out" / "r00.swatch").read_bytes() == before
+    assert fitted([one, two], tmp_path / "both").fitted == ["a/r00.swatch", "b/r00.swatch"]
+    with pytest.raises(CaptureError, match="cannot be created"):
+        fitted([one], two)
 
 
 @pytest.mark.nightly
@@ -93,6 +96,7 @@ def test_worker_processes_give_the_same_swatches(tmp_path: Path) -> None:
     check_swatch(items[3], out)
 
 
+@pytest.mark.filterwarnings("ignore")  # the notes do not depend on the filter
 def test_the_command_reports_failures_and_interpolated_samples(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from hapscene import cli
-from hapscene.capture.io.hatt import import_hatt, import_many
+from hapscene.capture.io.hatt import _decaying_sinusoid, import_hatt, import_many
 from hapscene.errors import SwatchError
 from hapscene.swatches.library import load_swatch
 
@@ -176,10 +176,20 @@ def test_unusual_but_valid_files(tmp_path: Path) -> None:
     assert swatch.friction_dynamic == 0 and "friction_dynamic" in swatch.absent
 
 
+@pytest.mark.parametrize("tap", [(2.0, 120.0, 40.0), (-3.0, 60.0, 100.0), (1.0, 350.0, 150.0)])
+def test_a_decaying_sinusoid_is_recovered(tap: tuple[float, float, float]) -> None:
+    amplitude, frequency_Hz, decay_1_s = tap
+    t_s = np.arange(300) / 1000.0
+    found = _decaying_sinusoid(amplitude * np.exp(-decay_1_s * t_s) * np.sin(2.0 * np.pi * frequency_Hz * t_s))
+    assert found == pytest.approx((abs(amplitude), frequency_Hz, decay_1_s))
+    assert _decaying_sinusoid(0.0 * t_s) == (0.0, 100.0, 100.0)
+
+
 BAD: dict[str, tuple[tuple[str, str], str]] = {
     "unit": (("mm/s</Speed", "furlong</Speed"), r"<SpeedUnits>: expected mm/s, found 'furlong'"),
     "rate": (("10000", "0"), r"<SampleRate>: expected 100 to 1000000 Hz, found 0"),
     "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: .*1 to 25"),
+    "negative triangle": (("<tri><value>", "<tri><value>-"), r"<tri> 1: .*1 to 25"),
     "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 2: expected 17 ARlsf as in model 1"),
     "nan": (("<var>", "<var>nan "), r"<model> 1, <var>: expected finite numbers, found 'nan"),
     "negative": (("<var>", "<var>-1"), r"<model> 1, <var>: expected a number, 0 or more, found '-1"),

@@ -77,6 +77,8 @@ def test_limits_of_length_and_level() -> None:
         loud[17] *= 1.001
         with pytest.raises(CaptureError, match="sample 17"):
             clean(loud, RATE_HZ)
+        with pytest.raises(CaptureError, match="no vibration"):
+            clean(level * (5e5 + 1e-6 * NOISE), RATE_HZ)  # rounding
     with pytest.raises(CaptureError, match="rate_Hz"):
         clean(NOISE, 400.0)
 

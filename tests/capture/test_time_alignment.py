@@ -75,7 +75,8 @@ def test_noise_silence_and_what_repeats_are_refused() -> None:
 def test_level_changes_are_bounded_and_follow_the_level() -> None:
     rng = np.random.default_rng(2)
     level = 1.0 + 0.9 * np.sin(2.0 * np.pi * np.arange(50_000) / 5000.0 * 2.0)
-    made = level_changes(level * rng.standard_normal(50_000), 5000.0, oscillates=True)
+    tone = level * np.sin(2.0 * np.pi * 80.0 * np.arange(50_000) / 5000.0)
+    made = level_changes(tone + 0.01 * rng.standard_normal(50_000) + 3.0, 5000.0, oscillates=True)
     assert len(made) == 5000 and np.abs(made).max() <= 4.0
     rising = np.cos(2.0 * np.pi * np.arange(5000) / 500.0 * 2.0)
     assert np.corrcoef(made, rising)[0, 1] > 0.6

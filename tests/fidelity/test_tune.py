@@ -83,16 +83,24 @@ def test_band_power_of_a_sine():
 
 @pytest.mark.parametrize(("width_m", "hover_m"), [(0.01, 0.2 * 0.0096), (0.4, 0.012)])
 def test_paths_over_a_narrow_body_are_low_and_shallow(width_m, hover_m):
-    """96 % of a body is explored; a stroke is as deep as its force demands, but at most 5 % of the narrow side."""
+    """96 % of a body is explored, by a tap and a stroke; each is as deep as its force demands, but at most 5 % of the
+    narrow side."""
     scene = hapscene.Scene()
     scene.add(trimesh.creation.box((0.5, width_m, 0.02)), name="body", unit="m", swatch=Swatch("soft", 200.0))
     paths = trial.random_paths(scene, 0, np.random.default_rng(0), trial.device_limits("omni"), 5)
     assert len(paths) == 5
+    depths_m = []
     for path in paths:
-        high_m, deep_m = path[:, 2].max() - 0.01, 0.01 - path[:, 2].min()
-        assert high_m == pytest.approx(hover_m)
-        assert deep_m == pytest.approx(0.05 * 0.0096) if width_m < 0.1 else 0.2 <= 200.0 * deep_m <= 0.5 * 3.3
+        assert path[:, 2].max() - 0.01 == pytest.approx(hover_m)
         assert (np.abs(path[:, :2]) <= (0.25, width_m / 2)).all()
+        under = np.flatnonzero(path[:, 2] < 0.01)
+        tap, stroke = (path[part] for part in np.split(under, np.flatnonzero(np.diff(under) > 1) + 1))
+        assert np.ptp(tap[:, :2], axis=0).max() < 1e-9 < np.ptp(stroke[:, :2], axis=0).max()
+        depths_m += [0.01 - tap[:, 2].min(), 0.01 - stroke[:, 2].min()]
+    if width_m < 0.1:
+        np.testing.assert_allclose(depths_m, 0.05 * 0.0096)
+    else:
+        assert 0.2 <= 200.0 * min(depths_m) < 0.5 < 200.0 * max(depths_m) <= 0.5 * 3.3
 
 
 def test_errors_in_jnd():

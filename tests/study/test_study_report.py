@@ -1,5 +1,6 @@
 """The study report: its numbers are those of the statistics."""
 
+import math
 import re
 from html import unescape
 from pathlib import Path
@@ -10,8 +11,8 @@ pytest.importorskip("questplus", reason="questplus is not installed: pip install
 
 from hapscene.errors import StudyError
 from hapscene.study.session import Session
-from hapscene.study.statistics import analyse
-from hapscene.study.study_report import format_estimate, report, write_report
+from hapscene.study.statistics import Estimate, analyse
+from hapscene.study.study_report import _axis_limits, format_estimate, report, write_report
 
 from .test_statistics import PLAN, folder
 
@@ -32,6 +33,13 @@ def test_numbers_are_those_of_the_statistics(folder: Path) -> None:
     assert {(one.block, one.quantity) for one in judged} > {("real", "difference of ratings"), ("life", "d′")}
     for one in judged:
         assert f"{one.block}, {one.what}: {one.verdict} ({one.method})" in page, one
+
+
+def test_axes_contain_all_finite_values() -> None:
+    open_end = Estimate(1.0, -math.inf, 2.0)
+    assert _axis_limits([open_end, Estimate(3.0, 0.0, 4.0)]) == pytest.approx((-0.48, 4.48))
+    assert _axis_limits([Estimate(2.0, 2.0, 2.0)]) == (1.5, 2.5)
+    assert _axis_limits([Estimate(math.inf, -math.inf, math.inf)]) == (0.0, 1.0)
 
 
 def test_a_report_needs_answers_and_one_participant_has_open_intervals(tmp_path: Path) -> None:

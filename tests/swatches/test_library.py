@@ -50,7 +50,7 @@ def files_in(home: Path) -> dict[str, bytes]:
 def test_add_find_and_remove(home: Path) -> None:
     assert own_entries() == [] and find("oak") is None
     entry = add(OAK)
-    assert load_swatch("oak") == OAK
+    assert load_swatch("oak") == OAK and (home / library.LOCK).is_file()  # locked from the first file on
     data = (home / entry.file).read_bytes()
     assert (entry.sha256, entry.bytes) == (hashlib.sha256(data).hexdigest(), len(data))
     assert own_entries() == [entry] and entry.figures["friction_static"] == 0.5
@@ -79,7 +79,9 @@ def test_folders_and_tags(home: Path) -> None:
     assert load_swatch("old oak") == replace(harder, name="old oak")
     assert sorted(f.name for f in home.rglob("*.swatch")) == [moved.file]
     assert edit("old oak", tags=["a", "b"]).tags == ("a", "b")
-    assert remove("old oak") == home / moved.file and not list(home.rglob("*.swatch"))
+    renamed = edit("old oak", new_name="ash")
+    assert sorted(f.name for f in home.rglob("*.swatch")) == [renamed.file] != [moved.file]
+    assert remove("ash") == home / renamed.file and not list(home.rglob("*.swatch"))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,10 +17,10 @@ from hapscene.cli import main
 from hapscene.errors import SwatchError, printable
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
-from hapscene.surface.swatch_summary import Phrase
+from hapscene.surface.swatch_summary import TAP_M_S, Phrase
 from hapscene.swatches import site as static_site
 from hapscene.swatches.library import add, computed_entries, entry_of, load_swatch, own_entries, shipped_swatches
-from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
+from hapscene.swatches.site import NO_LICENCE, _spectra, first_page, gather, publish, scale_of, swatch_page
 
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
@@ -187,6 +188,23 @@ def test_figure_of_a_quality_has_the_reason_why_it_is_assumed(figure: str, reaso
     for key in ("stiffness_N_m", "stiffness_N_m.level"):
         row = static_site._row(Swatch("a", absent={key: reason} if reason else {}), phrase)
         assert row == ("hardness", "firm", shown)
+
+
+def test_scale_contains_all_spectra_and_taps() -> None:
+    wood = load_swatch("wood")
+    assert wood.texture is not None and wood.taps is not None
+    louder = replace(wood, effects={"lpc_texture": {"texture_gain": 10.0}})
+    soft = replace(
+        wood, texture=None, taps=replace(wood.taps, wave_m_s2=None, amplitude_m_s2=0.0 * wood.taps.amplitude_m_s2)
+    )
+    top_dB, tap_m_s2 = scale_of([wood, Swatch("plain"), soft])
+    levels = [level for level, _ in _spectra(wood).values()]
+    assert top_dB % 10.0 == 0.0 and top_dB - 10.0 < max(level.max() for level in levels) <= top_dB
+    assert tap_m_s2 == pytest.approx(1.1 * np.abs(wood.taps.transient(TAP_M_S, 1e4)).max(), rel=1e-6)
+    assert scale_of([wood, louder]).top_dB == top_dB + 20.0 and scale_of([]) == (0.0, 1.1)
+    share = {"force_N": 0.4 / wood.texture.force_max_N, "speed_m_s": 0.04 / wood.texture.speed_max_m_s}
+    small = replace(wood.texture, **{name: part * getattr(wood.texture, name) for name, part in share.items()})
+    assert list(_spectra(replace(wood, texture=small))) == ["0.4 N, 40 mm/s"]
 
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())

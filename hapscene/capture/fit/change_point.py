@@ -55,7 +55,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
     """
     factor = max(1, int(rate_Hz // RATE_HZ))
     low = np.asarray(scipy.signal.decimate(signal, factor, ftype="fir")) if factor > 1 else signal
-    block = max(1, round(BLOCK_S * rate_Hz / factor))
+    block = round(BLOCK_S * rate_Hz / factor)
     count = len(low) // (COARSE * block) * COARSE
     shortest = -(-round(SEGMENT_MIN_S * rate_Hz / factor) // (COARSE * block))
     if count < 2 * shortest * COARSE or not np.any(low):
@@ -84,7 +84,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
 
 def _refined(signal: Array, coarse: Array, before: int, at: int, after: int, block: int) -> int:
     """Refines a change point near the coarse block `at`: the mean of all positions, weighted by likelihood [blocks]."""
-    first, last = max(before + 1, at - 2), min(after - 1, at + 2)
+    first, last = at - 2, at + 2  # within the segments beside it, which are longer
     fine = coarse[first] + _product_sums(signal[: last * COARSE * block], block, first * COARSE * block)
     floor = _floor(coarse)
     left, right = fine - coarse[before] + floor, coarse[after] - fine + floor

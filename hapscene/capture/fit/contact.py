@@ -155,7 +155,7 @@ def _windows(channels: Streams, run: Run) -> Array:
     depth = depth + offset / slope if slope > 0.0 else depth - depth.min()
     angle = 2.0 * np.pi * (np.arange(width) + 0.5) / width
     mean, change = (1.0 - np.cos(angle)) / width, -2.0 * np.pi * np.sin(angle) / width**2 * rate
-    starts = np.arange(0, len(force) - width + 1, max(1, width // 2))
+    starts = np.arange(0, len(force) - width + 1, width // 2)
     cut = starts[:, None] + np.arange(width)
     return np.stack([force[cut] @ mean, depth[cut] @ mean, depth[cut] @ change, 0.5 * depth[cut] ** 2 @ change], axis=1)
 
@@ -284,8 +284,7 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
 
 def _fit_leaving(recordings: Sequence[SegmentedRecording], found: ContactFit) -> None:
     bursts = [
-        _burst(channels, max(start, end - round(RINGS_S * channels.rate_Hz)), end, _leaving_speed(channels, end))
-        for channels, (start, end) in _ends(recordings)
+        _burst(channels, start, end, _leaving_speed(channels, end)) for channels, (start, end) in _ends(recordings)
     ]
     taps = [tap for tap in bursts if tap is not None]
     known = [tap for tap in taps if np.isfinite(tap.approach_m_s)]

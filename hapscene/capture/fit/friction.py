@@ -153,13 +153,13 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
         static, note = _of_breakaways(pulls, dynamic, intervals, absent)
     elif "friction_static" not in numbers:
         absent["friction_static"] = "the tool never starts from rest in the recording; the dynamic coefficient is used"
-    if max(static, dynamic) > FRICTION_MAX:
+    if static > FRICTION_MAX:
         raise CaptureError(
             f"friction coefficients {dynamic:.3g} and {static:.3g}; expected at most {FRICTION_MAX:g}: check units of "
             "both forces"
         )
     over_speed = (numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
-    return Friction(max(static, dynamic), dynamic, intervals, absent, note, *over_speed)
+    return Friction(static, dynamic, intervals, absent, note, *over_speed)
 
 
 def _of_breakaways(
@@ -207,7 +207,7 @@ def _blocks(recordings: Sequence[SegmentedRecording]) -> _Blocks:
     rows, fine, strokes = [np.zeros((3, 0))], [np.zeros((0, FINE))], [np.zeros(0, np.intp)]
     for channels, states in recordings:
         assert channels.tangential_force_N is not None
-        length, edge = max(1, round(BLOCK_S * channels.rate_Hz)), round(EDGE_S * channels.rate_Hz)
+        length, edge = round(BLOCK_S * channels.rate_Hz), round(EDGE_S * channels.rate_Hz)
         streams = np.stack([channels.tangential_force_N, channels.force_N, channels.speed_m_s])
         middle = ((np.arange(FINE) + 0.5) * length / FINE).astype(np.intp)
         for start, end in states.runs(InteractionState.SLIDING):
@@ -244,7 +244,7 @@ def _strokes(speed_m_s: Array) -> NDArray[np.intp]:
     made, most = np.zeros(len(speed_m_s), np.intp), round(STROKE_S / BLOCK_S)
     for first, last in pairwise([*borders, len(made)]):
         pieces = max(1, (last - first) // most)
-        made[first:last] = made[first - 1] + 1 + np.arange(last - first) * pieces // max(1, last - first)
+        made[first:last] = made[first - 1] + 1 + np.arange(last - first) * pieces // (last - first)
     return np.asarray(made - made[0])
 
 

@@ -271,7 +271,7 @@ def _vibrating(level: Array, rate: float, air: Mask) -> tuple[bool, Mask]:
 
 def _level(acceleration: Array, rate: float) -> Array:
     """Moving root mean square (n,) over `LEVEL_S`."""
-    length = max(1, round(LEVEL_S * rate))
+    length = round(LEVEL_S * rate)
     power = np.empty_like(acceleration)
     for block in blocks(len(power), BLOCK):
         first = max(0, block.start - length)
@@ -299,7 +299,7 @@ def noise(stream: Array, rate: float) -> float:
     """Standard deviation of the noise of a low-passed stream, from the quietest tenth of its 50 ms windows."""
     low, high = ACCELERATION_BAND_HZ[0], HAND_CUTOFF_HZ
     fast = filtered(stream, rate, low, "highpass", order=2)
-    length = max(1, round(0.05 * rate))
+    length = round(0.05 * rate)
     windows = fast[: len(fast) // length * length].reshape(-1, length)
     power = np.einsum("kn,kn->k", windows, windows) / length
     return float(np.sqrt(np.quantile(power, 0.1) * high / (high - low)))

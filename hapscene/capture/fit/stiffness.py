@@ -106,7 +106,7 @@ def _loadings(channels: Streams, states: Segmentation, sliding: bool = False) ->
     With `sliding`, a loading may include sliding; it then starts without contact and ends when the force falls.
     """
     assert channels.depth_m is not None and states.force_on_N is not None
-    step = max(1, round(channels.rate_Hz / (4.0 * HAND_CUTOFF_HZ)))
+    step = round(channels.rate_Hz / (4.0 * HAND_CUTOFF_HZ))
     found = []
     contact = channels.force_N > states.force_on_N
     contact &= sliding | (states.states != InteractionState.SLIDING)

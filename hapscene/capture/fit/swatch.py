@@ -127,8 +127,9 @@ def fit_recordings(recordings: Sequence[SegmentedRecording], options: FitOptions
     if len(rates) != 1:
         given = ", ".join(f"{rate:g}" for rate in sorted(rates))
         raise CaptureError(f"the recordings have sample rates of {given} Hz; expected equal rates: resample them")
-    if options.order != "auto" and options.order > (most := int(WINDOW_S * min(rates) / 2)):
-        raise CaptureError(f"order is {options.order}; expected at most {most} at {min(rates):g} Hz")
+    (rate_Hz,) = rates
+    if options.order != "auto" and options.order > (most := int(WINDOW_S * rate_Hz / 2)):
+        raise CaptureError(f"order is {options.order}; expected at most {most} at {rate_Hz:g} Hz")
     friction, taps, contact = fit_friction(recordings), fit_taps(recordings), fit_contact(recordings)
     ranges = recorded_ranges(recordings)
     intervals = friction.intervals | taps.intervals | contact.intervals

@@ -194,7 +194,7 @@ def _corners(windows: AnalysisWindows) -> tuple[Array, Array]:
     ends = []
     for axis in (windows.force_N, windows.speed_m_s):
         low, high = float(axis.min()), float(axis.max())
-        steps = max(1, int(np.ceil(np.log(high / low) / np.log(CORNER_RATIO) - 1e-9)))
+        steps = int(np.ceil(np.log(high / low) / np.log(CORNER_RATIO) - 1e-9))
         ends.append(np.geomspace(low, high, steps + 1) if high - low > FLAT * high else np.array([low]))
     force, speed = np.meshgrid(*ends)
     return force.ravel(), speed.ravel()

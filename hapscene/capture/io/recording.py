@@ -70,7 +70,7 @@ def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
         raise CaptureError(
             f"{count} samples at {rate_Hz:g} Hz are too few to combine three axes; expected at least {WINDOW_S:g} s"
         )
-    hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
+    hop = round(0.5 * WINDOW_S * rate_Hz)
     window_count = -(-count // hop) + 1
     padded = np.zeros((len(axes), (window_count + 1) * hop))
     for row, axis in zip(padded, axes, strict=True):

@@ -149,10 +149,10 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
     for a half-normal distribution, 0.42 for the magnitude of three axes). That of hand motion is much smaller.
     Stick–slip is excluded by its intervals of zero speed.
     """
-    length = max(1, round(0.05 * rate_Hz))
+    length = round(0.05 * rate_Hz)
     raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))
     found = []
-    for part in blocks(len(raw), max(1, BLOCK // length)):
+    for part in blocks(len(raw), BLOCK // length + 1):
         own, slow = raw[part], low[part]
         mean, fast = slow.mean(axis=1), (np.abs(own) - slow).std(axis=1)
         noise = (own.std(axis=1) > 0.3 * mean) & (mean < 4.5 * fast) & (np.quantile(slow, 0.1, axis=1) > 0.3 * mean)

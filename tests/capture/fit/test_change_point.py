@@ -39,6 +39,12 @@ def test_cumulative_sums_give_the_regression_of_a_segment():
     assert sums[end, 0, 0] == pytest.approx(np.sum(np.append(np.zeros(ORDER), x)[: end * block] ** 2))
 
 
+def test_a_change_of_a_silent_vibration_is_exact():
+    """By 120 dB: the likelihoods of the places about it differ by more than the largest number."""
+    (found,) = change_points(signal((300, 1e-6, 2500), (300, 1.0, 2500)), RATE_HZ)
+    assert abs(found - 2500) <= 13  # one block of 5 ms
+
+
 def everything(sums, block, shortest, penalty):
     """The least cost by trying every last piece, with nothing pruned."""
     count, floor = len(sums) - 1, _floor(sums)

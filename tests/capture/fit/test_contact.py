@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.contact import _pull, fit_contact
+from hapscene.capture.fit.contact import _burst, _pull, _windows, fit_contact
 from hapscene.capture.fit.segment import segment
-from hapscene.capture.io.streams import clean, part_of
+from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Streams, clean, filtered, part_of
 
 RATE_HZ, STIFFNESS_N_M = 1000.0, 500.0
 UP_M = 5e-3
@@ -107,6 +107,45 @@ def test_a_curve_that_spring_and_adhesion_do_not_explain_has_no_adhesion(pressed
     found = _pull(force + np.where(depth > 0.0, pressed_N, pulled_N) * wave, depth, RATE_HZ, {})
     assert (found is not None) == fits
     assert not fits or found[0] == pytest.approx([1.5, 5e-4], rel=0.02)
+    force[11:40] += 3.0  # unlike the first and last 10 ms, this counts
+    assert _pull(force, depth, RATE_HZ, {}) is None
+
+
+def test_the_error_of_adhesion_is_its_scatter():
+    depth = np.linspace(1e-3, -3e-3, 400)
+    beyond = np.maximum(-depth, 0.0) / 5e-4
+    force = 1500.0 * np.maximum(depth, 0.0) - 1.5 * beyond * np.exp(1.0 - beyond)
+    noise = filtered(np.random.default_rng(0).standard_normal((16, 400)), RATE_HZ, HAND_CUTOFF_HZ, "lowpass")
+    found = np.array([_pull(force + 0.1 * row, depth, RATE_HZ, {}) for row in noise])
+    np.testing.assert_allclose(found[:, 1].mean(axis=0), found[:, 0].std(axis=0), rtol=0.4)
+
+
+def pushed(depth_m, force_N):
+    return Streams(RATE_HZ, depth_m, force_N, depth_m, None, depth_m)
+
+
+def test_window_averages_of_a_steady_press():
+    """Of a press at 10 mm/s: force, depth, speed, and their product; the zero of depth is where the spring begins."""
+    depth, force = 1e-5 * np.arange(400), 500.0 * 1e-5 * np.arange(1, 401)
+    mean, deep, speed, both = _windows(pushed(0.3 + depth, force), (0, 400)).T
+    assert len(mean) == (380 - 31) // 15 + 1 and mean == pytest.approx(5e-3 * (10 + 15 + 15 * np.arange(24) + 1))
+    assert deep == pytest.approx(mean / 500.0) and speed == pytest.approx(0.01, rel=0.002)
+    assert both == pytest.approx(0.01 * deep, rel=0.002)
+    mean, deep, speed, _ = _windows(pushed(0.3 - depth, force), (0, 400)).T  # no spring: from the smallest depth
+    assert deep == pytest.approx(1e-5 * (389 - 25 - 15 * np.arange(24))) and speed == pytest.approx(-0.01, rel=0.002)
+    for streams, run in ((pushed(0.0 * depth, force), (0, 400)), (pushed(depth, force), (0, 81))):
+        assert _windows(streams, run).shape == (0, 4)
+
+
+def test_bursts_are_stronger_than_the_vibration_around_them():
+    a = ring(1000, 0.5, 20.0, 170.0, 80.0, RATE_HZ) + 0.01 * np.random.default_rng(0).standard_normal(1000)
+    earlier = ring(1000, 0.3, 200.0, 170.0, 80.0, RATE_HZ)
+    streams = [pushed(a + more, a) for more in (0.0, earlier, 8.0 * (np.arange(1000) > 560))]
+    for channels, first in ((streams[0], 0), (streams[1], 200)):  # the earlier one is not within 20 ms
+        tap = _burst(channels, first, 500, 0.1)
+        assert tap.value == pytest.approx([20.0, 170.0, 80.0], rel=0.1)
+    assert _burst(streams[2], 0, 500, 0.1) is None  # it goes on vibrating
+    assert _burst(streams[0], 515, 520, 0.1) is None  # it began before the contact
 
 
 def test_vibration_of_leaving_over_speed():
@@ -122,7 +161,8 @@ def test_breakaway_vibration_over_released_force():
     rng, rate = np.random.default_rng(0), 5000.0
     t = np.arange(20_000) % 4000 / rate  # each 0.8 s: the pull grows, then it slides quietly
     normal = 1.0 + 0.5 * np.repeat(np.arange(5) % 2, 4000)
-    speed, pull = np.where(t < 0.5, 0.0, 0.1), np.where(t < 0.5, 1.0 * t, 0.3) * normal
+    pull = np.where((t > 0.1) & (t < 0.12), 0.9, np.where(t < 0.5, 1.0 * t, 0.3)) * normal  # a tug before it slides
+    speed = np.where(t < 0.5, 0.0, 0.1)
     a = 0.02 * rng.standard_normal(len(t))
     for k in range(5):
         a += ring(len(a), 0.8 * k + 0.5, 30.0 * 0.2 * normal[4000 * k], 150.0, 90.0, rate)

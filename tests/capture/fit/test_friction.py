@@ -2,15 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from hapscene.capture.fit.friction import (
     BEGUN_S,
     COMMON_ERROR,
     EDGE_S,
     STROKES_MIN,
+    _Blocks,
+    _blocks,
     _curve,
     _of_slips,
+    _of_strokes,
+    _robust_weight,
     _slips,
+    _strokes,
     fit_friction,
     no_sliding,
 )
@@ -137,7 +143,8 @@ def test_few_strokes_give_a_coefficient_and_no_interval(count):
 def test_outliers_do_not_change_the_stribeck_curve():
     """Each sixth of the slow blocks pulls three times as much."""
     t = np.arange(20_000) / 1000.0
-    speed = 0.005 + 0.15 * np.sin(np.pi * t / 4) ** 2
+    speed = 0.15 * np.sin(np.pi * t / 4) ** 2
+    speed[speed < 0.002] = 0.0  # as of a sensor with a threshold
     pull = 0.3 + 0.15 * np.exp(-((speed / 0.03) ** 2)) + 0.002 * np.random.default_rng(0).standard_normal(len(t))
     caught = (speed < 0.03) & (t // 0.05 % 6 == 0)
     found = fit_friction(slides(np.where(caught, 3.0, 1.0) * pull, speed, np.ones(len(t), bool)))
@@ -154,12 +161,22 @@ def test_the_error_of_a_curve_is_the_weighted_distance_of_the_outliers():
     assert weight[7] < 0.01 * weight[8] and weight[8] == pytest.approx(np.sqrt(normal[8]))
 
 
+def test_outliers_have_hardly_any_weight():
+    speed = np.linspace(0.005, 0.155, 60)
+    ratio = 0.3 + 0.15 * np.exp(-((speed / 0.03) ** 2))
+    ratio[5::10] += 0.5
+    blocks = _Blocks(ratio, np.full(60, 4.0), speed, speed[:, None], np.zeros(60, int))
+    weight = _robust_weight(blocks, np.geomspace(0.0025, 0.08, 24))
+    assert weight[5::10].max() < 0.1 * np.median(weight) and np.quantile(weight, 0.5) == pytest.approx(2.0, rel=0.02)
+
+
 def test_static_friction_needs_rest_and_force():
     """Three starts from rest: one after a rest too brief to count, one of a tool that hardly touches."""
     rate, cycle = 1000.0, np.arange(6000) % 1000
     states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
     start = (cycle >= 380) & (cycle < 420)
     force, pull = np.ones(6000), np.where(start, 0.5, 0.3)
+    pull[(cycle % 500 >= 100) & (cycle % 500 < 120)] = 0.7  # long before and long after a breakaway
     states[3000:3380] = InteractionState.SLIDING  # a rest of 20 ms is too short for a breakaway
     pull[3380:3420] = 0.8
     force[5200:5600] = 0.05
@@ -173,11 +190,11 @@ def test_static_friction_needs_rest_and_force():
 
 
 def test_slips_start_at_the_static_and_move_at_the_dynamic_friction():
-    """40 ms of rest with a growing pull, then 20 ms of a slip; twenty times, with one lifted and one long slip."""
-    rate, cycle, number = 2000.0, np.arange(2400) % 120, np.arange(2400) // 120
-    slips = cycle >= 80
-    speed = np.where(slips, 0.2 * np.sin(np.pi * (cycle - 80) / 40), 0.0)
-    pull = np.where(slips, 0.3, 0.15 + 0.3 * cycle / 80)
+    """20 ms of rest, 40 ms of a growing pull, 20 ms of a slip; twenty times, with one lifted and one long slip."""
+    rate, cycle, number = 2000.0, np.arange(3200) % 160, np.arange(3200) // 160
+    slips = cycle >= 120
+    speed = np.where(slips, 0.2 * np.sin(np.pi * (cycle - 120) / 40), 0.0)
+    pull = np.where(slips, 0.3, 0.15 + 0.3 * np.maximum(cycle - 40, 0) / 80 + 1e-3 * (-1.0) ** cycle)
     states = np.where(slips, InteractionState.SLIDING, InteractionState.STILL).astype(np.int8)
     states[(number == 7) & (cycle > 20) & (cycle < 40)] = InteractionState.AIR
     speed[(number == 12) & ~slips] = 0.1
@@ -193,6 +210,39 @@ def test_slips_start_at_the_static_and_move_at_the_dynamic_friction():
         assert low <= value <= high and high - low < 0.1
     still = recording[0], Segmentation(rate, states, (), 0.1, 1.0)
     assert _slips([still]) == [] and "17 slips" in no_sliding([recording]) and "0.2" not in no_sliding([recording])
+
+
+def test_intervals_of_slips():
+    """Equal slips differ by their common uncertainty alone; static friction is never below dynamic friction."""
+    friction = _of_slips([(0.45, 0.01, 0.3, 0.1)] * 5)
+    assert friction.intervals["friction_static"] == pytest.approx((0.45 - 0.0196, 0.45 + 0.0196))
+    assert friction.intervals["friction_dynamic"] == pytest.approx((0.3 - 1.96 * 0.015, 0.3 + 1.96 * 0.015))
+    friction = _of_slips([(0.2, 0.01, 0.3, 0.1)] * 5)
+    assert (friction.static, friction.dynamic) == (0.3, 0.3)
+    assert friction.intervals["friction_dynamic"] == pytest.approx((0.3, 0.3))
+
+
+def test_strokes_end_at_minima_of_the_speed_or_after_one_second():
+    speed = np.array([0.1, 0.2, 0.05, 0.04, 0.07, 0.09, 0.2, 0.05, 0.2])
+    assert _strokes(speed).tolist() == [0, 0, 0, 1, 1, 1, 1, 2, 2]
+    assert _strokes(np.full(65, 0.1)).tolist() == [3 * i // 65 for i in range(65)]
+
+
+def test_blocks_without_normal_force_are_omitted():
+    force, speed = np.repeat([1.0, 2.0, 0.15, 0.25, 1.0], 50), np.linspace(0.1, 0.2, 250)
+    streams = Streams(1000.0, speed, force, speed, -0.3 * force)
+    found = _blocks([(streams, Segmentation(1000.0, np.full(250, InteractionState.SLIDING, np.int8), (), None, None))])
+    assert found.ratio == pytest.approx([0.3] * 4) and found.normal == pytest.approx([1.0, 2.0, 0.25, 1.0])
+    assert found.speed == pytest.approx(speed.reshape(5, 50).mean(axis=1)[[0, 1, 3, 4]])
+    assert found.fine == pytest.approx(speed.reshape(5, 50)[[0, 1, 3, 4], 2::5]) and found.count == 1
+
+
+def test_the_interval_of_strokes_is_that_of_their_mean():
+    """Student's t of five strokes with equal forces, and the error that all have in common."""
+    ratio = np.repeat([0.29, 0.31, 0.30, 0.28, 0.32], 4)
+    blocks = _Blocks(ratio, np.ones(20), np.ones(20), np.ones((20, 1)), np.repeat(np.arange(5), 4))
+    half = np.hypot(stats.t.ppf(0.975, 4) * np.std(ratio[::4], ddof=1) / np.sqrt(5.0), 1.96 * COMMON_ERROR * 0.3)
+    assert _of_strokes(blocks, 0.3) == pytest.approx((0.3 - half, 0.3 + half))
 
 
 @pytest.mark.nightly

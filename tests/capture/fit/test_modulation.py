@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.modulation import fit_modulation
+from hapscene.capture.fit.modulation import fit_modulation, moving_runs
 from hapscene.capture.fit.texture import fit_texture
 from hapscene.capture.fit.windows import cut
 from hapscene.capture.io.streams import Streams
@@ -47,6 +47,15 @@ def test_constant_speed_gives_modulation_over_time() -> None:
     channels = replace(channels, speed_m_s=np.full_like(channels.speed_m_s, 0.1))
     fit = fit_modulation(texture_of(channels), [channels])
     assert fit.modulation is not None and np.all(fit.modulation.decay_1_m == 0.0)
+
+
+def test_light_and_slow_parts_are_not_used() -> None:
+    """Below a tenth of the largest force and speed of all stretches."""
+    one, speed = np.ones(1000), np.repeat([0.4, 0.03], [550, 450])
+    streams = (np.repeat([1.0, 0.15], 500), one), (np.repeat([2.0, 0.5], 500), speed), (one, one)
+    stretches = [Streams(1000.0, one, *each, None) for each in streams]
+    assert list(moving_runs(stretches, 0.05, 0.4)) == [(0, 0, 10, 50), (1, 0, 11, 50), (2, 0, 20, 50)]
+    assert list(moving_runs(stretches[:1], 0.05, 0.4)) == [(0, 0, 20, 50)]
 
 
 @pytest.mark.parametrize("seconds", [1.0, 8.0])

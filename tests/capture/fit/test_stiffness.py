@@ -7,6 +7,8 @@ from hapscene.capture.fit.segment import InteractionState, Segmentation
 from hapscene.capture.fit.stiffness import (
     _deming,
     _loadings,
+    _noise_ratio,
+    _weight,
     fit_stiffness,
 )
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Streams
@@ -63,6 +65,23 @@ def test_the_slope_is_the_deming_regression(ratio):
     best = minimize_scalar(distance, bounds=(100.0, 2000.0), method="bounded", options={"xatol": 1e-6}).x
     assert _deming(sums, ratio)[0] == pytest.approx(best, rel=1e-6)
     assert _deming(sums * [1.0, -1.0, 1.0], ratio)[0] == pytest.approx(-best, rel=1e-6)
+
+
+def test_the_ratio_of_the_noises_is_limited():
+    """To a hundredth and to a hundred times the ratio of the ranges, so that neither stream counts as exact."""
+    for noise_N, noise_m, ratio in ((0.05, 8e-4, 62.5), (0.05, 0.0, 5e4), (1e-7, 8e-4, 3.3)):
+        recordings = [part for seed in range(3) for part in pressed(500.0, noise_N, noise_m, seed=seed)]
+        assert _noise_ratio(recordings) == pytest.approx(ratio, rel=0.3), ratio
+
+
+def test_weights_are_those_of_huber():
+    """1 up to 1.345 standard deviations, by the median distance; beyond it as the inverse distance."""
+    away = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 4.0, -8.0])
+    depth = np.linspace(-1e-3, 1e-3, 7)
+    for ratio in (0.0, 500.0):
+        weight = _weight(depth, 500.0 * depth + away, 500.0, ratio)
+        assert weight == pytest.approx([1.0] * 5 + [1.345 * 1.4826 / 4.0, 1.345 * 1.4826 / 8.0])
+    assert _weight(depth, 500.0 * depth, 500.0, 1.0) == pytest.approx(1.0)
 
 
 def test_sliding_and_weak_contacts_are_no_loadings():

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapscene.capture.report.compare import Tap, compare, tap_energy
+from hapscene.capture.fit.distance import BAND_EDGES_HZ, band_power
+from hapscene.capture.report.compare import PLACES, Tap, _bands, compare, tap_energy
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
@@ -88,6 +89,8 @@ def test_missing_quantities_are_skipped_with_a_reason() -> None:
     assert comparison.skipped["tap level"] == "taps of plain: not measured"
     assert compare(PLAIN, PLAIN).skipped["tap frequency"] == "taps of plain and plain: not measured"
     assert compare(PLAIN, replace(PLAIN, stiffness_N_m=0.0)).skipped["compliance"]
+    mute = compare(textured(), textured("b", taps=Taps([0.1], [0.0], [100.0], [60.0])))
+    assert mute.skipped.keys() == {"tap level", "tap frequency"} and len(mute.differences) == 5
     silent = textured("b", gain=0.0)
     assert "silent" in compare(textured(), silent).skipped["vibration level"]
     assumed = replace(textured(), absent={"stiffness_N_m": "no depth"})
@@ -98,6 +101,17 @@ def test_textures_of_different_rates_are_compared_below_both_nyquists() -> None:
     slow = Texture.from_models(1000.0, [1.0], [0.1], a=[[1.0, -0.5]], variance_m2_s4=[1.0])
     found = compare(textured(), textured("b", texture=slow)).differences
     assert all(math.isfinite(d.change) for d in found)
+
+
+def test_textures_are_compared_over_their_common_range() -> None:
+    """Of force, speed and frequency: up to 1 N, 0.1 m/s and 500 Hz."""
+    one = Texture.from_models(RATE, [2.0], [0.1], a=[[1.0, -0.5]], variance_m2_s4=[1.0], exponents=(0.5, 2.0))
+    two = Texture.from_models(1000.0, [1.0], [0.3], a=[[1.0, -0.5]], variance_m2_s4=[1.0])
+    frequency = np.arange(20.0, 1001.0)
+    edges = [edge for edge in BAND_EDGES_HZ if edge <= 500.0]
+    density = [one.density([f], [0.1 * v], frequency_Hz=frequency)[0] for f in PLACES for v in PLACES]
+    np.testing.assert_allclose(_bands(one, two), band_power(density, frequency, edges))
+    assert _bands(two, one).shape == (len(PLACES) ** 2, len(edges) - 1)
 
 
 def test_tap_energy_is_its_integral() -> None:

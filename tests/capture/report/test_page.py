@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hapscene.capture.fit import distance as spectral
+from hapscene.capture.fit.order import DISTANCE_RATIO
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.io.recording import SurfaceRecording
 from hapscene.capture.io.streams import Streams, clean
@@ -98,6 +99,7 @@ def test_a_fit_to_a_known_surface_is_usable(swatch: Swatch, recording: SurfaceRe
         assert total_dB == pytest.approx(10.0 * np.log10(power.sum() / second.sum()))
         assert band_dB == pytest.approx(10.0 * np.log10(power / second))
     assert [row.grade for row in rows(comparison)] == ["good"] * 6
+    assert rows(comparison)[0].required.startswith(f"at most {DISTANCE_RATIO * held.floor_dB:.2f} dB")
     assert _verdict(swatch, comparison, rows(comparison), "").startswith("usable: ")
 
 
