@@ -10,6 +10,7 @@ from hapscene.capture.io.hsrec import Record
 from hapscene.capture.io.recording import load_recording
 from hapscene.capture.time_alignment import (
     ClockOffset,
+    _correlations,
     clock_offset,
     join,
     level_changes,
@@ -80,6 +81,14 @@ def test_level_changes_are_bounded_and_follow_the_level() -> None:
     assert len(made) == 5000 and np.abs(made).max() <= 4.0
     rising = np.cos(2.0 * np.pi * np.arange(5000) / 500.0 * 2.0)
     assert np.corrcoef(made, rising)[0, 1] > 0.6
+
+
+def test_windows_of_a_longer_recording_are_correlated() -> None:
+    rng = np.random.default_rng(0)
+    ours, theirs = rng.standard_normal(100), rng.standard_normal(300)
+    found = _correlations(ours, theirs, np.array([0, 150, 300]), 20)
+    shifted = np.array([np.interp(np.arange(300) + lag, np.arange(100), ours, 0.0, 0.0) for lag in range(-20, 21)])
+    np.testing.assert_allclose(found, [shifted[:, :150] @ theirs[:150], shifted[:, 150:] @ theirs[150:]], atol=1e-9)
 
 
 @pytest.mark.parametrize(("share", "most"), [(0.1, 6e-6), (0.2, 6e-4)])

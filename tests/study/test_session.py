@@ -88,7 +88,7 @@ def test_inconsistent_files_and_arguments_are_refused(tmp_path: Path) -> None:
             Session(PLAN, tmp_path, person)
     path = tmp_path / "results.csv"
     good = path.read_bytes().decode()
-    lines = good.split("\r\n")
+    lines, kept = good.split("\r\n"), []
     for column, value, expected in (
         ("trial", "7", "trial"),
         ("block", "other", "block"),
@@ -98,8 +98,9 @@ def test_inconsistent_files_and_arguments_are_refused(tmp_path: Path) -> None:
         fields = lines[3].split(",")
         fields[COLUMNS.index(column)] = value
         path.write_text("\r\n".join([*lines[:3], ",".join(fields), *lines[4:]]), encoding="utf-8", newline="")
-        with pytest.raises(StudyError, match=expected):
+        with pytest.raises(StudyError, match=expected) as caught:
             Session(PLAN, tmp_path, "P01")
+        kept.append(caught)  # an error that is kept does not keep the file open
     path.write_text(good, encoding="utf-8", newline="")
     with Session(PLAN, tmp_path, "P01") as session:
         assert session.done == 20
@@ -111,6 +112,8 @@ def test_inconsistent_files_and_arguments_are_refused(tmp_path: Path) -> None:
         assert session.done == 20
         with pytest.raises(StudyError, match="in use"):
             Session(PLAN, tmp_path, "P02")
+    Session(PLAN, tmp_path, "P02").close()
+    assert session.done == 20 and len(kept) == 4
     (tmp_path / "plan.toml").unlink()
     with pytest.raises(StudyError, match=r"plan\.toml"):
         Session(PLAN, tmp_path, "P01")

@@ -44,6 +44,14 @@ def test_answers_determine_the_state() -> None:
     assert again.level == first.level and again.quantile(0.1) == first.quantile(0.1)
 
 
+def test_thresholds_are_between_the_levels() -> None:
+    """From the lowest level, or a thousandth of the highest one, to the highest one."""
+    for levels, lowest in ((LEVELS, 0.25), ([0.001, 1.0, 8.0], 0.008)):
+        staircase = Staircase(levels)
+        assert [staircase.quantile(share) for share in (0.0, 1.0)] == pytest.approx([lowest, 8.0])
+        assert staircase.quantile(0.5) == pytest.approx(math.sqrt(8.0 * lowest), rel=0.05)
+
+
 def test_participants_who_are_never_or_always_right() -> None:
     for right, end in ((True, 0.25), (False, 8.0)):
         staircase = Staircase(LEVELS)

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,9 @@ from hapscene.study.statistics import (
     Analysis,
     Estimate,
     Finding,
+    _choices,
+    _ratings,
+    _thresholds,
     analyse,
     analyse_rows,
     d_prime,
@@ -69,6 +73,59 @@ def test_intervals_contain_the_d_prime_of_the_population(mean: float, spread: fl
 def test_verdicts(low: float, high: float, margin: float, expected: str) -> None:
     words = verdict(Estimate(0.5 * (low + min(high, 9.0)), low, high), margin, "d′")
     assert words.startswith(expected)
+
+
+def answered(**shares: tuple[int, int]) -> list[dict[str, str]]:
+    """Rows of each person: of several answers to the pair alive and steady, the first are right."""
+    return [
+        {"person": who, "stimulus_1": "steady", "stimulus_2": "alive", "correct": str(int(k < right))}
+        for who, (right, count) in shares.items()
+        for k in range(count)
+    ]
+
+
+def test_shares_of_correct_answers_are_averaged_over_people() -> None:
+    block: Any = parse_plan(TEXT).blocks[1]
+    right, d, first, second = _choices(block, answered(A=(4, 4), B=(3, 6)))
+    assert right.estimate == Estimate(0.75, 0.0, 1.0) and right.answers == d.answers == 10
+    assert d.estimate == d_prime(right.estimate) and d.verdict.startswith("undecided")
+    for found, who, counts in ((first, "A", (4, 4)), (second, "B", (3, 6))):
+        assert (found.person, found.answers) == (who, counts[1]) and found.estimate == d_prime_of(*counts)
+    half = stats.t.ppf(0.975, 2) * (1.0 / 4.0) / math.sqrt(12.0 * 3.0)  # equal shares, in steps of 1/4 or finer
+    right, *_ = _choices(block, answered(A=(2, 4), B=(3, 6), C=(4, 8)))
+    assert (right.estimate.low, right.estimate.high) == pytest.approx((0.5 - half, 0.5 + half))
+
+
+def test_differences_of_ratings_are_those_of_people_who_rated_both() -> None:
+    rated = {
+        "alive": {"A": (5, 6), "B": (7,), "C": (1,)},
+        "steady": {"A": (2, 3), "B": (3, 4, 5)},
+        "rough": {"A": (3,)},
+    }
+    rows = [
+        {"person": who, "stimulus_1": name, "rating": str(one)}
+        for name, people in rated.items()
+        for who, values in people.items()
+        for one in values
+    ]
+    *means, difference = _ratings(parse_plan(TEXT).blocks[0], rows)  # type: ignore[arg-type]
+    assert [(one.what, one.answers) for one in means] == [("alive", 4), ("steady", 5), ("rough", 1)]
+    assert [one.estimate.value for one in means] == pytest.approx([4.5, 3.25, 3.0])
+    assert (difference.what, difference.answers) == ("alive − steady", 8)  # without the person who rated one of them
+    half = stats.t.ppf(0.975, 1) * math.sqrt(2.0 / 12.0 / 2.0)  # both differ by 3: the rounding of two ratings
+    assert vars(difference.estimate) == pytest.approx({"value": 3.0, "low": 3.0 - half, "high": 3.0 + half})
+
+
+def test_an_open_threshold_has_no_mean() -> None:
+    block: Any = parse_plan(TEXT).blocks[3]
+    rows = [
+        {"person": who, "level": repr(block.distances[k % 32]), "correct": str(int(who == "A" or k % 2))}
+        for who in ("A", "B")
+        for k in range(30)
+    ]
+    always, half = _thresholds(block, rows)
+    assert always.estimate.low == -math.inf and math.isfinite(always.estimate.high) and always.answers == 30
+    assert half.person == "B" and 0.25 <= half.estimate.value <= 8.0
 
 
 PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 30").replace("repeats = 8", "repeats = 16\nmargin = 0.8"))

@@ -129,6 +129,19 @@ def test_invalid_stimuli(recorded: Path, shown: dict[str, Any], match: str) -> N
         StimulusMaker(recorded).samples(stimulus(**shown), 0, RATE_HZ)
 
 
+def test_columns_and_units_of_a_recording_are_those_of_the_stimulus(maker: StimulusMaker, tmp_path: Path) -> None:
+    rows = np.column_stack([np.random.default_rng(0).standard_normal(1000), np.full(1000, 500.0)])
+    np.savetxt(tmp_path / "x.csv", rows, delimiter=",", header="a,f", comments="")
+    named = stimulus(
+        recording="x.csv",
+        rate_Hz=1e3,
+        columns={"acceleration": "a", "force": "f"},
+        units={"acceleration": "g", "force": "mN"},
+    )
+    channels, _ = maker._recording(named)
+    assert channels.rate_Hz == 1e3 and channels.force_N == pytest.approx(0.5) and "speed_m_s" in channels.assumed
+
+
 def test_the_error_has_the_longest_slide(maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch) -> None:
     states = np.full(3000, InteractionState.AIR, np.int8)
     states[100:400] = states[1000:2500] = InteractionState.SLIDING

@@ -9,10 +9,12 @@ import pytest
 
 pytest.importorskip("questplus", reason="questplus is not installed: pip install 'hapscene[study]'")
 
+from matplotlib.figure import Figure
+
 from hapscene.errors import StudyError
 from hapscene.study.session import Session
-from hapscene.study.statistics import Estimate, analyse
-from hapscene.study.study_report import _axis_limits, format_estimate, report, write_report
+from hapscene.study.statistics import Estimate, Finding, analyse
+from hapscene.study.study_report import _axis_limits, _plot, format_estimate, report, write_report
 
 from .test_statistics import PLAN, folder
 
@@ -40,6 +42,27 @@ def test_axes_contain_all_finite_values() -> None:
     assert _axis_limits([open_end, Estimate(3.0, 0.0, 4.0)]) == pytest.approx((-0.48, 4.48))
     assert _axis_limits([Estimate(2.0, 2.0, 2.0)]) == (1.5, 2.5)
     assert _axis_limits([Estimate(math.inf, -math.inf, math.inf)]) == (0.0, 1.0)
+
+
+def test_estimates_of_a_block_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(
+        "hapscene.study.study_report.inline_svg", lambda figure, name: figures.append(figure) or "<svg>"
+    )
+    open_end, closed = Estimate(1.0, -math.inf, 2.0), Estimate(0.5, 0.0, 1.0)
+    found = [
+        Finding("b", "x − y", who, quantity, unit, "", estimate, 5)
+        for quantity, unit in (("d′", ""), ("threshold", "dB"))
+        for who, estimate in (("", open_end), ("P1", closed))
+    ]
+    for quantity, label, more in (("d′", "d′", [([0.0, 0.0], [0.0, 1.0])]), ("threshold", "threshold [dB]", [])):
+        assert "P1 x − y 0.5" in _plot(3, found, quantity)
+        (axes,) = figures.pop().axes
+        drawn = [tuple(map(list, line.get_data())) for line in axes.lines]
+        known = [([-0.24, 2.0], [0, 0]), ([1.0], [0]), ([0.0, 1.0], [1, 1]), ([0.5], [1]), *more]
+        assert drawn == [(pytest.approx(x), y) for x, y in known]
+        assert [text.get_text() for text in axes.get_yticklabels()] == ["x − y", "P1  x − y"]
+        assert axes.get_ylim() == (1.6, -0.6) and axes.get_xlabel() == label
 
 
 def test_a_report_needs_answers_and_one_participant_has_open_intervals(tmp_path: Path) -> None:

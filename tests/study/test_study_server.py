@@ -14,9 +14,9 @@ from websockets.sync.client import connect
 from hapscene.errors import StudyError
 from hapscene.study.plan import parse_plan
 from hapscene.study.session import Session, load_rows
-from hapscene.study.study_server import StudyServer
+from hapscene.study.study_server import GAP_S, StudyServer
 from hapscene.study.trial_order import Interval
-from tests.virtual_clock import VirtualClock
+from tests.virtual_clock import BEGIN_NS, VirtualClock
 
 PATIENCE_S = 120.0
 
@@ -58,7 +58,7 @@ class FakePlayer:
     def __init__(self) -> None:
         self.played: list[Interval] = []
         self.made: list[tuple[Interval, int]] = []  # and how many had been played by then
-        self.fault, self.free = "", Event()
+        self.fault, self.free, self.closed = "", Event(), False
         self.free.set()
 
     def ready(self, interval: Interval) -> Callable[[], None]:
@@ -73,6 +73,7 @@ class FakePlayer:
         return play
 
     def close(self) -> None:
+        self.closed = True
         self.free.set()
 
     def report(self) -> dict[str, float]:
@@ -117,25 +118,40 @@ def play_all(server: StudyServer) -> dict[str, Any]:
     return server.state()
 
 
-def answer_all(server: StudyServer, session: Session, upto: int | None = None) -> None:
+def answer_all(server: StudyServer, session: Session, upto: int | None = None) -> list[dict[str, Any]]:
+    """Answer trials, and return the states that the page showed."""
+    shown = []
     while session.trial is not None and session.done != upto:
         state = server.state()
         if state["screen"] != "trial":
             order(server, **{"continue": True})
             continue
-        play_all(server)
+        shown.append(play_all(server))
         order(server, answer=[state["number"], 0, 0.5])
+    return shown
 
 
 def test_a_complete_session(ask: Callable[..., Asked], tmp_path: Path) -> None:
     server, session, player = ask()
-    answer_all(server, session)
+    shown = answer_all(server, session)
+    assert server._clock.now_s() == pytest.approx(1e-9 * BEGIN_NS + 4 * GAP_S)  # between the intervals of four pairs
+    ends = {"rating": ("not at all", "just like it"), "pair": ()}
+    assert len(shown) == 8 and all(tuple(state["ends"]) == ends[state["kind"]] for state in shown)
     rows = load_rows(tmp_path / "answers" / "results.csv")
     assert len(rows) == session.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
     assert {row["latency_s"] for row in rows} == {"0.500"} and {row["replays"] for row in rows} == {"0"}
     names = [interval.stimulus.name for interval in player.played]
     asked = [row[f"stimulus_{k}"] for row in rows for k in (1, 2) if row[f"stimulus_{k}"] != "NA"]
     assert names == asked
+    server.__exit__()
+    session.close()
+    with pytest.raises(RuntimeError, match="shutdown"):
+        server._lane.submit(bool)
+    with pytest.raises(OSError):
+        connect(server.url.replace("http", "ws") + "socket", open_timeout=5.0)
+    assert player.closed
+    again, *_ = ask()
+    assert again.ended.is_set() and again.state()["screen"] == "end"
 
 
 def test_the_page_does_not_receive_what_is_compared(ask: Callable[..., Asked]) -> None:
@@ -161,11 +177,15 @@ def test_the_page_does_not_receive_what_is_compared(ask: Callable[..., Asked]) -
 
 
 def test_an_answer_needs_all_intervals_and_counts_once(ask: Callable[..., Asked]) -> None:
-    server, session, _ = ask()
+    server, session, player = ask()
     order(server, **{"continue": True})
     number = server.state()["number"]
     order(server, answer=[number, 0, 1.0])
-    assert session.done == 0
+    for first, end in ((0, 3), (-1, 1), (1, 1), (True, 1), (0, 1.0), (0, True)):
+        order(server, play=[number, first, end])
+    order(server, play=[number + 1, 0, 1])
+    await_play(server)
+    assert session.done == 0 and not player.made
     play_all(server)
     for choice, latency_s in ((-1, 1.0), (99, 1.0), (True, 1.0), (0, -1.0), (0, 1e9), (0, "x"), (0, None), (0.0, 1.0)):
         order(server, answer=[number, choice, latency_s])
@@ -184,8 +204,25 @@ def test_a_fault_is_shown_and_answers_are_kept(ask: Callable[..., Asked]) -> Non
     order(server, play=[server.state()["number"], 0, 1])
     await_play(server)
     assert "was it unplugged" in server.state()["error"] and session.done == 2
+    player.fault, made = "", len(player.made)
+    order(server, play=[server.state()["number"], 0, 1])  # the session has ended
+    await_play(server)
+    assert len(player.made) == made
     order(server, answer=[server.state()["number"], 0, 1.0])
     assert session.done == 2
+
+
+def test_messages_are_ignored_while_an_interval_plays(ask: Callable[..., Asked]) -> None:
+    server, _, player = ask()
+    order(server, **{"continue": True})
+    number = server.state()["number"]
+    player.free.clear()
+    for _ in range(2):
+        order(server, play=[number, 0, 1])
+    assert server.state()["playing"]
+    player.free.set()
+    await_play(server)
+    assert len(player.played) == 1
 
 
 def test_invalid_messages_have_no_effect(ask: Callable[..., Asked]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import Look, Swatch
 from hapscene.surface.swatch_summary import figures
 from hapscene.swatches.library import load_swatch
 from hapscene.swatches.picture import (
@@ -95,3 +95,12 @@ def test_the_relief_grows_with_the_roughness_up_to_a_limit() -> None:
         assert np.sqrt((slopes**2).sum(axis=2).mean()) == pytest.approx(factor * SLOPE) and size_m == BALL_M
         assert np.abs(slopes.mean(axis=(0, 1))).max() < 0.01 * SLOPE
     assert relief(Swatch("plain"))[0].tolist() == [[[0.0, 0.0]]]
+
+
+def test_a_smooth_ball_has_a_highlight() -> None:
+    """Where the normal is halfway between light and viewer; with a roughness of 0.5 it is wide."""
+    black = [pixels(Swatch("a", look=Look(roughness=r), albedo_rgb=(0.0,) * 3))[..., 0] for r in (0.01, 0.3, 0.5, 1.0)]
+    inside = np.hypot(*np.meshgrid(*[(np.arange(BALL_PX) + 0.5) / BALL_PX * 2 - 1] * 2)) < 0.8
+    assert [float(one[inside].max()) for one in black] == pytest.approx([0.3, 0.62, 0.45, 0.0], abs=0.06)
+    wide = [np.count_nonzero(one[inside] > 0.05) for one in black]
+    assert 0 < wide[0] < 0.2 * wide[1] < 0.1 * wide[2]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 from hapscene.cli import main
 from hapscene.errors import SwatchError, printable
@@ -20,7 +21,20 @@ from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.swatch_summary import TAP_M_S, Phrase
 from hapscene.swatches import site as static_site
 from hapscene.swatches.library import add, computed_entries, entry_of, load_swatch, own_entries, shipped_swatches
-from hapscene.swatches.site import NO_LICENCE, _spectra, first_page, gather, publish, scale_of, swatch_page
+from hapscene.swatches.site import (
+    FREQUENCIES_HZ,
+    NO_LICENCE,
+    STROKES,
+    Scale,
+    _spectra,
+    draw_spectra,
+    draw_tap,
+    first_page,
+    gather,
+    publish,
+    scale_of,
+    swatch_page,
+)
 
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
@@ -205,6 +219,30 @@ def test_scale_contains_all_spectra_and_taps() -> None:
     share = {"force_N": 0.4 / wood.texture.force_max_N, "speed_m_s": 0.04 / wood.texture.speed_max_m_s}
     small = replace(wood.texture, **{name: part * getattr(wood.texture, name) for name, part in share.items()})
     assert list(_spectra(replace(wood, texture=small))) == ["0.4 N, 40 mm/s"]
+
+
+def test_spectra_and_tap_are_drawn() -> None:
+    wood = load_swatch("wood")
+    assert wood.texture is not None and wood.taps is not None
+    one, two, three = (figure.subplots() for figure in (Figure(), Figure(), Figure()))
+    draw_spectra(one, wood, Scale(20.0, 5.0))
+    known = [wood.texture.density([f], [v], frequency_Hz=FREQUENCIES_HZ)[0] for f, v, _ in STROKES]
+    for line, power in zip(one.lines, known, strict=True):
+        np.testing.assert_allclose(line.get_xydata().T, [FREQUENCIES_HZ, 10.0 * np.log10(power)])
+    assert one.get_xlim() == (20.0, 1000.0) and one.get_ylim() == (-50.0, 20.0) and one.get_xscale() == "log"
+    assert one.get_xticks().tolist() == [20, 50, 100, 200, 500, 1000] and not len(one.get_xticks(minor=True))
+    assert [text.get_text() for text in one.get_legend().texts] == ["0.5 N, 50 mm/s", "1 N, 100 mm/s", "2 N, 200 mm/s"]
+    assert one.get_xlabel() and one.get_ylabel()
+    draw_tap(two, wood, Scale(20.0, 5.0))
+    ((t_ms, wave),) = (line.get_xydata().T for line in two.lines)
+    transient = wood.taps.transient(TAP_M_S, 1e4)[:600]
+    np.testing.assert_allclose(t_ms, np.arange(600) / 10.0)
+    np.testing.assert_allclose(wave, np.pad(transient, (0, 600 - len(transient))))
+    assert two.get_xlim() == (0.0, 60.0) and two.get_ylim() == (-5.0, 5.0) and two.get_xlabel() and two.get_ylabel()
+    draw_spectra(three, Swatch("plain"), Scale(20.0, 5.0))
+    assert [text.get_text() for text in three.texts] == ["no texture"] and not three.lines and not three.get_legend()
+    weak = replace(wood, texture=replace(wood.texture, force_N=0.4 * wood.texture.force_N / wood.texture.force_max_N))
+    assert list(_spectra(weak)) == ["0.4 N, 50 mm/s", "0.4 N, 100 mm/s", "0.4 N, 200 mm/s"]
 
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter1d
 
-from hapscene.capture.fit.contact import _burst, _pull, _windows, fit_contact
+from hapscene.capture.fit.contact import ContactFit, _burst, _pull, _windows, fit_contact
 from hapscene.capture.fit.segment import segment
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Streams, clean, filtered, part_of
 
@@ -118,6 +119,19 @@ def test_the_error_of_adhesion_is_its_scatter():
     noise = filtered(np.random.default_rng(0).standard_normal((16, 400)), RATE_HZ, HAND_CUTOFF_HZ, "lowpass")
     found = np.array([_pull(force + 0.1 * row, depth, RATE_HZ, {}) for row in noise])
     np.testing.assert_allclose(found[:, 1].mean(axis=0), found[:, 0].std(axis=0), rtol=0.4)
+
+
+def test_adhesion_is_fitted_to_the_last_30_ms_of_a_contact():
+    ((channels, states),) = presses(adhesion=0.5, reach_m=1e-3)
+    deep = (channels.depth_m > 1e-3) & (maximum_filter1d(channels.depth_m, 401) - channels.depth_m < 1e-4)
+    channels.force_N[:] += np.roll(deep, -50) * 0.4 * np.sin(np.arange(len(deep)) / 2.0)  # until 50 ms before it rises
+    assert fit_contact([(channels, states)]).numbers["adhesion_N"] == pytest.approx(0.5, rel=0.05)
+
+
+def test_interval_of_a_parameter_is_not_negative():
+    found = ContactFit()
+    found.add(("one", "two"), np.array([1.0, 2.0]), np.array([3.0, 0.5]))
+    assert found.numbers == {"one": 1.0, "two": 2.0} and found.intervals == {"one": (0.0, 4.0), "two": (1.5, 2.5)}
 
 
 def pushed(depth_m, force_N):

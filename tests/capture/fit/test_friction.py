@@ -9,6 +9,7 @@ from hapscene.capture.fit.friction import (
     COMMON_ERROR,
     EDGE_S,
     STROKES_MIN,
+    _best_scale,
     _Blocks,
     _blocks,
     _curve,
@@ -168,6 +169,18 @@ def test_outliers_have_hardly_any_weight():
     blocks = _Blocks(ratio, np.full(60, 4.0), speed, speed[:, None], np.zeros(60, int))
     weight = _robust_weight(blocks, np.geomspace(0.0025, 0.08, 24))
     assert weight[5::10].max() < 0.1 * np.median(weight) and np.quantile(weight, 0.5) == pytest.approx(2.0, rel=0.02)
+
+
+def test_each_stroke_has_its_stribeck_speed():
+    """The grid about the best speed of all rows is fine enough for the best speed of each."""
+    speed = np.tile(np.linspace(0.005, 0.155, 40), 2)
+    true_m_s, rows = np.repeat([0.02, 0.06], 40), np.ones((3, 80))
+    rows[1, 40:] = rows[2, :40] = 0.0
+    ratio = 0.3 + 0.15 * np.exp(-((speed / true_m_s) ** 2))
+    blocks = _Blocks(ratio, np.ones(80), speed, speed[:, None], np.zeros(80, int))
+    (level, drop), scale_m_s = _best_scale(blocks, rows, np.ones(80), np.geomspace(0.0025, 0.08, 24), np.ones(80))
+    assert scale_m_s[1:] == pytest.approx([0.02, 0.06], rel=0.03)
+    assert level[1:] == pytest.approx(0.3, rel=0.01) and drop[1:] == pytest.approx(0.15, rel=0.03)
 
 
 def test_static_friction_needs_rest_and_force():

@@ -1,5 +1,7 @@
 """Simulated taps at 20 dB SNR."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,16 @@ def test_missing_taps_have_a_reason():
     channels = clean(np.random.default_rng(0).standard_normal(20_000), 10_000.0)
     found = fit_taps([(channels, segment(channels))])
     assert found.taps is None and found.absent == {"taps": "no tap was found in the recording"}
+
+
+def test_the_reason_has_the_best_of_the_impacts(monkeypatch):
+    states = np.array([0, 3, 3, 0, 3, 0, 3], np.int8)
+    parts = [(Streams(1000.0, *np.zeros((4, 7))), Segmentation(1000.0, states, (), None, None))]
+    one = MeasuredTap(0.1, np.ones(3), np.ones(3), 0.0, np.ones(10))
+    found = iter([replace(one, explained=0.12), None, replace(one, explained=0.34)])
+    monkeypatch.setattr("hapscene.capture.fit.taps.measure_tap", lambda *_: next(found))
+    reason = fit_taps(parts).absent["taps"]
+    assert "at most 34 % of the power of 3 impacts" in reason
 
 
 def tap(approach_m_s, decay_1_s, error_1_s=1.0, level=1.0):

@@ -8,7 +8,7 @@ import pytest
 
 from hapscene.capture.fit.distance import BAND_EDGES_HZ, band_power
 from hapscene.capture.report.compare import PLACES, Tap, _bands, compare, tap_energy
-from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch import PLAIN, Swatch, touched_with
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
@@ -112,6 +112,13 @@ def test_textures_are_compared_over_their_common_range() -> None:
     density = [one.density([f], [0.1 * v], frequency_Hz=frequency)[0] for f in PLACES for v in PLACES]
     np.testing.assert_allclose(_bands(one, two), band_power(density, frequency, edges))
     assert _bands(two, one).shape == (len(PLACES) ** 2, len(edges) - 1)
+
+
+def test_tools_are_stated_if_both_are_known_and_differ() -> None:
+    steel, brass = textured(tool="steel probe", tip="ball"), textured(tool="brass probe", tip="ball")
+    assert compare(steel, brass).tools == (touched_with(steel), touched_with(brass))
+    for other in (steel, textured(), textured(tip="ball")):
+        assert compare(steel, other).tools is compare(other, steel).tools is None
 
 
 def test_tap_energy_is_its_integral() -> None:
