@@ -6,7 +6,7 @@ import trimesh
 
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.mesh_doctor import examine, repair
+from hapscene.scene.mesh_doctor import examine, length, repair
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 V, F = np.array(BALL.vertices), np.array(BALL.faces)
@@ -34,6 +34,7 @@ def t_junction(gap_m: float) -> Mesh:
     return Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2]]))
 
 
+SHORT = np.array([[0.1, 0.1 - 4e-6, 0], [0, 0.1, 0], [0, 0, 0], [0.1, 0, 0], [0.1 - 4e-6, 0.1, 0]])  # from 0 to 4
 FAN = Mesh(
     np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
 )
@@ -53,6 +54,7 @@ BROKEN = {
     "t-junction": (t_junction(1e-8), {"open_edges": 7}),
     "crack": (t_junction(5e-6), {"open_edges": 7, "cracks": 1}),
     "gap": (t_junction(1e-3), {"open_edges": 7}),
+    "short edge": (Mesh(SHORT, np.array([[2, 3, 0], [2, 0, 4], [2, 4, 1]])), {"open_edges": 5}),
     "three at an edge": (FAN, {"open_edges": 6, "nonmanifold_edges": 1}),
     "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
     "cavity aside": (joined((TIPS, SIDES), (TIPS * 0.05 - 0.2, SIDES[:, ::-1])), {}),
@@ -79,6 +81,11 @@ def test_repair_preserves_vertices_and_is_complete(name):
     places = {tuple(v) for v in mesh.vertices_m.tolist()}
     assert {tuple(v) for v in mended.vertices_m.tolist()} == places
     assert repair(mended) == (mended, [])
+
+
+def test_a_crack_is_as_wide_as_its_widest_gap():
+    (crack,) = (finding for finding in examine(BROKEN["crack"][0]).findings if finding.kind == "cracks")
+    assert crack.more.endswith(f" {length(5e-6)} wide")
 
 
 def test_repair_preserves_groups_and_colours():

@@ -15,6 +15,7 @@ from hapscene.view.plot import (
     BOTTOM,
     LEFT,
     LEGEND_ROW,
+    RANGE_DB,
     RIGHT,
     TITLE,
     draw_hand_plot,
@@ -29,6 +30,10 @@ def test_spectrogram_of_a_sine(recording: Recording) -> None:
     assert axes.get_ylim() == quiet.get_ylim() == (0.0, 1000.0) and quiet.texts[0].get_text() == "silence"
     image = axes.images[0]
     level_dB = np.asarray(image.get_array())
+    assert level_dB.shape == (101, (20_000 - 500) // 16 + 1)  # of 50 ms, 16 samples apart, padded to twice the length
+    assert image.get_extent() == pytest.approx([0.025, 0.025 + 1218 * 0.0016, 0.0, 1000.0])
+    top_dB = np.ceil(level_dB.max())
+    assert image.get_clim() == (top_dB - RANGE_DB, top_dB) and level_dB.min() == -300.0
     frequency_Hz = np.linspace(*image.get_extent()[2:], len(level_dB))
     assert abs(frequency_Hz[level_dB.max(axis=1).argmax()] - 250.0) <= 10.0
 
