@@ -25,6 +25,10 @@ def test_layout(count: int) -> None:
     assert both.shape == (legend.height, width) and (count == 40) == (legend.height > 100)
     assert not both[:, :10].any() and not both[:, -10:].any() and not both[:6].any() and not both[-6:].any()
     rows = np.flatnonzero((both & ~entries).any(axis=1))
+    bar = inked(legend, measures[1:])[rows.min() :].any(axis=0)
+    start, size = int(bar.argmax()), 12  # the arrow ends two sizes before the bar
+    gap = both[rows.min() :, :start].any(axis=0)
+    assert not gap[start - 2 * size + 1 :].any() and gap[start - 2 * size - 3 : start - 2 * size + 1].any()
     assert not entries[rows.min() :].any() and not (both & ~entries)[:, : width // 3].any()
 
 
