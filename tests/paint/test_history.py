@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.paint.model.history import FaceDelta, History, Step
+from hapscene.paint.model import history as module
+from hapscene.paint.model.history import FaceDelta, History, Step, pack_steps, unpack_steps
 
 
 @settings(max_examples=40, deadline=None)
@@ -41,6 +42,24 @@ def test_oldest_steps_are_dropped_when_memory_is_full() -> None:
     history.add(noise(99))
     assert len(history.done) == 1 and not history.undone
     assert history.size == history.done[0].size
+
+
+def test_a_replaced_step_counts_once_and_is_another_state() -> None:
+    history, states = History(), {0}
+    history.add(noise(0))
+    for step in (noise(1), Step("small")):
+        history.replace_last(step)
+        states.add(history.state)
+        assert [step.what for step in history.done] == [step.what] and history.size == step.size
+    assert len(states) == 3
+
+
+def test_newest_steps_are_packed_up_to_a_limit(monkeypatch) -> None:
+    steps = [noise(seed) for seed in range(4)]
+    for count in (0, 1, 3):
+        monkeypatch.setattr(module, "PACKED_BYTES", sum(step.size for step in steps[4 - count :]))
+        found = unpack_steps(pack_steps(steps))
+        assert [(step.what, step.faces) for step in found] == [(step.what, step.faces) for step in steps[4 - count :]]
 
 
 def test_step_above_the_memory_limit_is_the_only_one() -> None:

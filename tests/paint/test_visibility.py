@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from trimesh.creation import box, icosphere
 
+from hapscene.paint.model.mesh import visible_points
 from hapscene.paint.model.session import Session
 from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
@@ -51,6 +52,18 @@ def test_other_side_of_a_thin_wall_and_hidden_bodies_are_not_painted() -> None:
         assert (scene.bodies[1].face_swatch == 1).any() == through
         low = scene.bodies[0].mesh.triangles_m.mean(axis=1)[:, 2] < 0
         assert (scene.bodies[0].face_swatch[low] == 1).any() == through
+
+
+def test_from_afar_a_plate_hides_what_is_close_behind_it() -> None:
+    scene = Scene()
+    for name, z_m in (("upper", 0.0), ("lower", -0.003)):
+        scene.add(plate_mesh(0.001), name=name, pose=turned(0.0, (0.0, 0.0, z_m)))
+    x, y, z = np.random.default_rng(0).uniform(-0.019, 0.019, (3, 200))
+    top = z > 0.0
+    points = np.stack([x, y, np.where(top, 0.0005, -0.0025)], axis=1)
+    for far_m in (0.01, 1.0, 1e5):
+        seen = visible_points(scene.bodies, Session(scene).shapes, points, (0.0, 0.0, far_m))
+        np.testing.assert_array_equal(seen, top)
 
 
 def test_a_sheet_close_behind_another_of_the_same_body_is_not_painted() -> None:
