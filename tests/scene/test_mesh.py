@@ -69,6 +69,7 @@ def nan_at(index):
         (VERTICES, FACES * 1.0, ""),
         (VERTICES * 1e9, FACES, "unit"),
         (VERTICES * 0, FACES, "0 m"),
+        (VERTICES - (0, 20e3, 0), FACES, "y = -20000 m"),
     ],
 )
 def test_invalid_arrays_raise(vertices, faces, place):

@@ -58,6 +58,14 @@ def test_the_shadow_lies_where_the_sun_projects_the_plate(height_m: float) -> No
     assert (seen[[0, 0, -1, -1], [0, -1, 0, -1]] == 1.0).all()
 
 
+def test_a_plate_in_the_sun_does_not_shade_itself() -> None:
+    seen = plate(ZENITH, 0.05)
+    shadows = Shadows(plate(SUN, 0.05), seen._replace(depth_m=np.full_like(seen.depth_m, np.inf)), 0.0, 4 * HALF_M)
+    pixels = shadows.cast(np.full((PX, PX, 3), 255, np.uint8), seen.depth_m, seen.X_SC, seen.pixel_m)
+    rows, columns = np.nonzero(np.isfinite(seen.depth_m))
+    assert (pixels[rows.min() + 8 : rows.max() - 8, columns.min() + 8 : columns.max() - 8] == 255).all()
+
+
 def test_the_sky_is_hidden_beside_a_body_and_less_farther_away() -> None:
     line = ground(0.02, sun=False)[PX // 2]
     beside = [line[column(HALF_M + far_m)] for far_m in (0.01, 0.03, 0.05, 0.08)]

@@ -5,7 +5,6 @@ import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-
 from pathlib import Path
 from typing import Final, NamedTuple
 
