@@ -176,9 +176,7 @@ def test_limit_of_subfaces_includes_those_of_other_faces(monkeypatch):
     with pytest.raises(SceneError):
         paint_region(body, other, 2)
     assert body.fine is before
-    monkeypatch.setattr(
-        "hapscene.scene.fine_paint.SUBFACE_MAX", count + count // 10
-    )  # those that are merged at the end
+    monkeypatch.setattr("hapscene.scene.fine_paint.SUBFACE_MAX", 2 * count)  # some are merged at the end
     paint_region(body, other, 2)
     assert len(body.fine) == count
 
