@@ -97,6 +97,14 @@ def test_from_trimesh_requires_units():
     assert Mesh.from_trimesh(box).diagonal_m == pytest.approx(0.0254 * np.sqrt(3))
 
 
+@pytest.mark.parametrize("index", [-9, 4])
+def test_invalid_index_of_a_face_with_texture_coordinates_raises(index):
+    faces, visual = FACES.copy(), trimesh.visual.TextureVisuals(uv=np.zeros((4, 2)))
+    faces[2, 1] = index
+    with pytest.raises(MeshError, match="face 2"):
+        Mesh.from_trimesh(trimesh.Trimesh(VERTICES, faces, visual=visual, process=False), "m")
+
+
 def test_from_trimesh_scene_applies_poses_and_reflections():
     box = trimesh.creation.box((1, 1, 1))
     scene = trimesh.Scene()

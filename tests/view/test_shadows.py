@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.view.shadows import DARK, SUN, ZENITH, DepthPicture, Shadows
+from hapscene.view.shadows import DARK, SUN, ZENITH, DepthPicture, Shadows, _enlarged
 from hapscene.view.triangles import facing, fit_cameras, pose_of
 
 HALF_M = 0.1
@@ -64,6 +64,13 @@ def test_a_plate_in_the_sun_does_not_shade_itself() -> None:
     pixels = shadows.cast(np.full((PX, PX, 3), 255, np.uint8), seen.depth_m, seen.X_SC, seen.pixel_m)
     rows, columns = np.nonzero(np.isfinite(seen.depth_m))
     assert (pixels[rows.min() + 8 : rows.max() - 8, columns.min() + 8 : columns.max() - 8] == 255).all()
+
+
+def test_values_of_squares_of_pixels_do_not_cross_a_step_in_depth() -> None:
+    for far_m, between in ((5.0, 1e-3), (1.0, 0.5)):
+        depth_m = np.array([[1.0, 1.0, far_m, far_m]] * 2, np.float32)
+        found = _enlarged(np.array([[0.0, 1.0]]), depth_m[::2, ::2], depth_m, 1.0)
+        np.testing.assert_allclose(found, [[0.0, between, 1.0, 1.0]] * 2, atol=2e-5)
 
 
 def test_the_sky_is_hidden_beside_a_body_and_less_farther_away() -> None:
