@@ -38,6 +38,23 @@ def test_text_is_legible_in_small_pictures() -> None:
         assert Legend([], width, LIGHT).height == round(3.4 * size) + round(1.5 * size)
 
 
+HEIGHTS_PX = {"patch": 25, "line": 9, "thread": 5, "ball": 21, "bar": 25, "arrow": 25}
+
+
+@pytest.mark.parametrize("kind", HEIGHTS_PX)
+def test_signs(kind: str) -> None:
+    """In a row of 24 pixels height, the text 12 pixels behind the sign."""
+    length = 60 if kind in ("bar", "arrow") else 24 if kind == "ball" else 34
+    legend = Legend([LegendEntry("H", "#000000", kind, 60 if length == 60 else 0)], 1600, LIGHT)
+    mask = inked(legend, [])
+    sign, text = mask[:, : 24 + length + 6], mask[:, 24 + length + 6 :]
+    rows, columns = np.flatnonzero(sign.any(axis=1)), np.flatnonzero(sign.any(axis=0))
+    assert rows.max() - rows.min() + 1 == HEIGHTS_PX[kind] and rows.min() + rows.max() == 2 * 36
+    assert columns.min() == pytest.approx(24, abs=2) and columns.max() == pytest.approx(24 + length, abs=2)
+    start, end = np.flatnonzero(text.any(axis=0))[[0, -1]] + 24 + length + 6
+    assert start == pytest.approx(24 + length + 12, abs=4) and end - start > 8
+
+
 def test_only_used_swatches_are_listed() -> None:
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", swatch=Swatch("under"))

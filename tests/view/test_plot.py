@@ -79,6 +79,24 @@ def test_lines(recording: Recording) -> None:
     assert (low, high) == pytest.approx((-3.0, 3.0), rel=0.01)
 
 
+def test_axes_have_their_labels_legends_and_ticks(recording: Recording) -> None:
+    figure = draw_plot(recording, "a title")
+    silent = draw_plot(replace(recording, a_m_s2=np.zeros_like(recording.a_m_s2))).axes
+    *rows, spectrum, bar = figure.axes
+    assert figure.get_suptitle() == "a title" and spectrum.get_xlabel() == "time [s]"
+    legends = [ax.get_legend() and [text.get_text() for text in ax.get_legend().get_texts()] for ax in rows]
+    assert legends == [["wood", "leather", "paper", "epoxy"], ["magnitude", "x", "y", "z"], None, None]
+    assert rows[0].get_ylabel() == "swatch" and rows[0].get_ylim() == (0.0, 1.0) and not len(rows[0].get_yticks())
+    assert not any(rows[0].spines[side].get_visible() for side in ("left", "bottom"))
+    assert not rows[0].xaxis.get_major_ticks()[0].tick1line.get_visible()
+    shown = [ax.xaxis.get_tick_params()["labelbottom"] for ax in rows]
+    assert shown == [False] * 4 and spectrum.xaxis.get_tick_params().get("labelbottom", True)
+    places = [ax.yaxis.label.get_position() for ax in (*rows, spectrum)]
+    assert places == [(-0.005, 0.5), *[(-0.052, 0.5)] * 4]
+    assert not any(line.get_visible() for line in (*spectrum.get_xgridlines(), *spectrum.get_ygridlines()))
+    assert bar.get_visible() and not silent[5].get_visible() and silent[3].get_ylim() == (-1.0, 1.0)
+
+
 def test_swatch_bar_and_shading(recording: Recording) -> None:
     axes = draw_plot(recording).axes
     shown = {bar.get_label(): spans(bar) for bar in axes[0].collections}
@@ -121,6 +139,12 @@ def test_closed_loop_plot(recording: Recording) -> None:
     np.testing.assert_allclose(lines["hand"] ** 2, np.sum(feel.f_hand_W_N**2, axis=1))
     np.testing.assert_allclose(lines["motors"] ** 2, np.sum(feel.f_motor_W_N**2, axis=1))
     np.testing.assert_allclose(drawn(work)["work of the motors"], 1e3 * np.cumsum(feel.work_J))
+    axes = height, force, acceleration, work
+    legends = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in axes]
+    assert [len(names) for names in legends] == [3, 2, 2, 1] and legends[2] == ["requested", "handle"]
+    assert all(spans(ax.collections[-1])[0] == pytest.approx((0.2, 0.25)) for ax in axes)
+    assert work.get_xlim() == (recording.t_s[0], recording.t_s[-1]) and work.get_xlabel() == "time [s]"
+    np.testing.assert_array_equal(work.lines[1].get_ydata(), 0.0)
     areas = {
         area.get_label(): area.get_paths()[0].vertices
         for area in acceleration.collections
