@@ -7,6 +7,7 @@ import trimesh
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine, length, repair
+from hapscene.scene.mesh_structure import height_of
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 V, F = np.array(BALL.vertices), np.array(BALL.faces)
@@ -107,6 +108,11 @@ def test_repair_preserves_groups_and_colours():
 def test_repair_without_remaining_faces_raises():
     with pytest.raises(MeshError):
         repair(Mesh(V, F[:, [0, 0, 1]]))
+
+
+def test_height_of_a_triangle_is_that_over_its_longest_side():
+    found = height_of(np.array([[(0, 0, 0), (4, 0, 0), (1, 0.5, 0)], [(1, 1, 1)] * 3], float))
+    np.testing.assert_allclose(found, [0.5, 0.0])
 
 
 def test_group_names_are_escaped():
