@@ -169,12 +169,12 @@ def _start_from_frame(frame: np.record, body: np.record, given: NDArray[np.float
         body.com_W_m[i] = frame.X_WB[i, 3] + arm[i] + mean_s * (frame.v[i] + body.v[i])
     w = (frame.v[3] + body.v[3], frame.v[4] + body.v[4], frame.v[5] + body.v[5])
     _rotate(body.R_WB, (mean_s * w[0], mean_s * w[1], mean_s * w[2]), body.R_WB)
-    off, check = _rotation_between(body.R_WB, body.shown_R), 0.0
+    off = _rotation_between(body.R_WB, body.shown_R)
     for i in range(3):
         body.off_m[i] -= body.com_W_m[i]
         body.off_rad[i] = off[i]
-        check += 0.0 * body.off_m[i] + 0.0 * off[i]
-    if not (known and check == 0.0):  # the difference to a frame that is not finite is dropped
+    total = body.off_m[0] + body.off_m[1] + body.off_m[2] + off[0] + off[1] + off[2]
+    if not (known and math.isfinite(total)):  # the difference to a frame that is not finite is dropped
         for i in range(3):
             body.off_m[i] = body.off_rad[i] = 0.0
 

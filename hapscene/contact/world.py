@@ -191,7 +191,7 @@ class World(NamedTuple):
     # So a face is two cache lines. With shading (f, 7, 3): normals at the corners follow
     corners_m: NDArray[np.float64]
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
-    near: NDArray[np.int64]  # (b,) bodies to cast against: at most NEAR_MAX and those in contact
+    near: NDArray[np.int64]  # (n,) bodies to cast against: at most NEAR_MAX and those in contact
     moved: NDArray[np.int64]  # (b + 1,) number of bodies that moved in this tick, and their indices
     # (b, 6) of the tool on each body since the reset, linear [N·s] and about its origin [N·m·s]
     impulse: NDArray[np.float64]
@@ -204,7 +204,7 @@ class World(NamedTuple):
     tree_face: NDArray[np.int32]  # (f,) faces in the order of the leaves
 
 
-HOT: Final = ("proxy", "bodies", "ray", "near", "moved", "impulse", "ball_W_m", "fronts_only")
+HOT: Final = ("proxy", "bodies", "ray", "moved", "impulse", "ball_W_m", "fronts_only", "near")
 """Arrays that every tick touches; `build_world` places them side by side in memory."""
 
 
@@ -340,7 +340,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
         bodies=rows,
         corners_m=shapes.corners_m,
         ball_W_m=balls,
-        near=np.zeros(min(len(rows), NEAR_MAX + DROPPED), np.int64),
+        near=np.zeros(NEAR_MAX + DROPPED, np.int64),
         moved=np.zeros(len(rows) + 1, np.int64),
         impulse=np.zeros((len(rows), 6)),
         ray=new_ray(),
@@ -456,12 +456,10 @@ class Extension:
             impulse = np.zeros((count, 6))
             impulse[:before] = world.impulse
         world.proxy[0].near_count, world.proxy[0].near_margin_m = 0, 0.0  # forces a new list of nearby bodies
-        near = np.zeros(min(count, NEAR_MAX + DROPPED), np.int64)
         return world._replace(
             bodies=rows,
             corners_m=corners_m,
             ball_W_m=balls,
-            near=near,
             moved=moved,
             impulse=impulse,
             tree=np.concatenate((world.tree, self._forest.tree)),

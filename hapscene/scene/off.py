@@ -81,7 +81,7 @@ class _Reader:
                 if len(tokens) <= count:
                     tokens += self._take(count + 1 - len(tokens))
                 corners = [int(token) for token in tokens[1 : count + 1]]
-                if min(corners) >= 0 and max(corners) < vertex_count:
+                if all(0 <= corner < vertex_count for corner in corners):
                     return corners
         except ValueError:
             pass

@@ -267,7 +267,7 @@ def decode_fine(content: object, face_count: int, swatches: list[int], subface_m
     if type(content) is not dict or [type(content.get(key)) for key in keys] != [int, int, str]:
         raise ValueError(f"must have integers 'faces' and 'leaves' and a string 'packed', is {str(content)[:60]!r}")
     m, k = content["faces"], content["leaves"]
-    if not 0 < m <= min(k, face_count) or k > subface_max:
+    if not 0 < m <= k <= subface_max:
         raise ValueError(
             f"has {k:,} subfaces in {m:,} faces; the mesh has {face_count:,} faces, and {subface_max:,} subfaces are "
             "allowed"

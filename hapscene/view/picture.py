@@ -128,7 +128,7 @@ class Legend:
             pen.polygon(((right, y), (right - head, y - head // 2), (right - head, y + head // 2)), fill=colour)
         elif entry.kind == "bar":  # with end marks
             for end in (x, right):
-                pen.line((end, y - size // 2, end, y + size // 2), fill=colour, width=max(size // 10, 1))
+                pen.line((end, y - size // 2, end, y + size // 2), fill=colour, width=size // 10)
 
     def _entry_width(self, entry: LegendEntry) -> int:
         return self._sign_width(entry) + self._size // 2 + int(np.ceil(self._font.getlength(entry.text)))

@@ -22,8 +22,8 @@ def world() -> "Callable[..., World]":
             scene.add(mesh, unit="m", two_sided=two_sided)
         built = build_world(scene.bodies)
         place_proxy(built, tuple(map(float, at)))
-        built.near[:] = np.arange(len(built.near))  # casts test all bodies
-        built.proxy[0].near_count = len(built.near)
+        built.near[: len(meshes)] = np.arange(len(meshes))  # casts test all bodies
+        built.proxy[0].near_count = len(meshes)
         return built
 
     return build

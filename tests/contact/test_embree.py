@@ -45,6 +45,9 @@ def test_centre_and_radius_of_the_search():
     search = Search(np.asarray(box.vertices), np.asarray(box.faces, np.int32), SKIN_M)
     np.testing.assert_allclose(search.center_m, (10, 0, 0))
     assert search.radius_m == pytest.approx(0.65)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    search = Search(ball.vertices * (1.0, 2.0, 3.0), np.asarray(ball.faces, np.int32), SKIN_M)
+    assert search.radius_m == pytest.approx(0.3)
 
 
 def test_overlap_closes_a_crack(triangle):

@@ -89,6 +89,37 @@ def test_impulse_turns_a_body_by_its_inertia() -> None:
     np.testing.assert_allclose(X[:3, :3] @ COM_B_M + X[:3, 3] - c - (0.1, 0.2, 0.3), J / 0.2 * TICK_S, rtol=1e-9)
 
 
+def test_a_late_frame_is_extrapolated_with_the_acceleration_between_frames_for_the_horizon() -> None:
+    """Steady accelerations: x = x₀ + v t + a t²/2, the rotation likewise about a fixed axis."""
+    start, v, a = np.array((0.1, 0.2, 0.3)), np.array((0.3, -0.1, 0.2)), np.array((1.0, 2.0, -3.0))
+    for age_s in (0.0, 0.004, 0.03, 0.15):
+        line, seen = Line(0.2), np.eye(4)
+        for tick in (0, 20, 40):
+            t = tick * TICK_S
+            turn = Rotation.from_rotvec((0.0, 0.0, 0.5 * t + 2.0 * t * t)).as_matrix()
+            line.send(tick, start + v * t + a * t * t / 2, turn, v + a * t, (0.0, 0.0, 0.5 + 4.0 * t))
+            seen = line.tick(tick + (round(age_s / TICK_S) if tick == 40 else 0))
+        body, t = line.predicted[0], 0.04 + min(age_s, HORIZON_S)
+        np.testing.assert_allclose(body.other, (*a, 0.0, 0.0, 4.0), atol=1e-9)
+        np.testing.assert_allclose(body.v, (*(v + a * t), 0.0, 0.0, 0.5 + 4.0 * t), atol=1e-9)
+        np.testing.assert_allclose(body.com_W_m, start + v * t + a * t * t / 2, atol=1e-12)
+        turned = Rotation.from_matrix(body.R_WB).as_rotvec()
+        np.testing.assert_allclose(turned, (0.0, 0.0, 0.5 * t + 2.0 * t * t), atol=1e-12)
+        assert np.isfinite(seen).all()
+    line = Line()
+    line.send(5, start, v=v)
+    np.testing.assert_array_equal(line.tick(3)[:3, 3], start)  # a frame of the future is taken as it is
+
+
+def test_of_two_accelerations_with_the_same_sign_the_smaller_is_used() -> None:
+    line = Line(0.2)
+    v, w = np.array([[0, 0, 0], [1, 3, 1], [3, 5, 0]]), np.array([[0, 0, 0], [-1, 0, -2], [-3, 1, -3]])
+    for k in range(3):
+        line.send(20 * k, v=0.02 * v[k], w=0.02 * w[k])
+        line.tick(20 * k)
+    np.testing.assert_allclose(line.predicted[0].other, (1, 2, 0, -1, 0, -1), atol=1e-9)
+
+
 @pytest.mark.parametrize("lags", [False, True])
 def test_support_force_is_estimated_from_frames(lags: bool) -> None:
     """A body in contact with a wall is pushed with 1 N; its frames state that it is at rest, also one frame later."""

@@ -164,3 +164,8 @@ def test_needle_that_stays_on_the_surface_is_still_held():
         renderer.step((0.0, 0.0, z))
     assert renderer.surface.touch[0].inside == 1
     assert {body for body, _ in feel(renderer, 0.048, 0.03)} == {""}
+
+
+@pytest.mark.parametrize(("at", "inside"), [((0.04, 0.09, 0.14), 1), ((0.06, 0.0, 0.0), 0), ((0.0, 0.11, 0.14), 0)])
+def test_a_proxy_that_is_placed_inside_a_body_is_reported(world, at, inside):
+    assert world(trimesh.creation.box((0.1, 0.2, 0.3)), at=at).proxy[0].enclosing == inside

@@ -9,7 +9,7 @@ import trimesh
 
 from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.triangle import to_body, to_body_last, to_world
-from hapscene.contact.world import BODY, HALF_TURN_COS2_MIN, build_world, shapes_of, skin_of, update_ball
+from hapscene.contact.world import BODY, FAR_M, HALF_TURN_COS2_MIN, build_world, shapes_of, skin_of, update_ball
 from hapscene.records import records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -50,6 +50,14 @@ def test_balls_contain_their_bodies():
         vertices = trimesh.transform_points(body.mesh.vertices_m, body.X_WB)
         distance = np.linalg.norm(vertices - ball[:3], axis=1).max()
         assert distance <= ball[3] < 1.01 * distance
+
+
+@pytest.mark.parametrize(("radius_m", "far_m"), [(0.05, FAR_M), (2.0, 80.0)])
+def test_the_tool_is_far_beyond_20_diameters_of_the_largest_body(radius_m: float, far_m: float) -> None:
+    scene = Scene()
+    for size_m in (radius_m, 0.05):
+        scene.add(trimesh.creation.icosphere(subdivisions=1, radius=size_m), unit="m")
+    assert build_world(scene.bodies).proxy[0].far_m == pytest.approx(far_m, rel=1e-4)
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 1e-3, 0.5, 2.0, 2.9, 3.1])

@@ -1,5 +1,6 @@
 """Editing the bodies of a scene: each edit is one undo step and is saved."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -184,7 +185,10 @@ def test_hidden_bodies_are_not_painted(session: Session) -> None:
 
 def test_scaling_keeps_the_centre_and_scaling_back_restores_the_mesh(session: Session) -> None:
     composing, scene = session.composing, session.scene
-    (name,) = composing.add(ball("far"))
+    far, way = ball("far"), (0.1, -0.2, 0.3)
+    far.bodies[0].mesh = replace(far.bodies[0].mesh, vertices_m=far.bodies[0].mesh.vertices_m + way)
+    far.bodies[0].X_WB = turned(0.7, (0.0, 0.0, 0.0))
+    (name,) = composing.add(far)
     one = scene.body(name)
     mesh = one.mesh
     middle = one.X_WB[:3, :3] @ one.mesh.bounds_m.mean(axis=0) + one.X_WB[:3, 3]

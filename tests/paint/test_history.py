@@ -43,6 +43,16 @@ def test_oldest_steps_are_dropped_when_memory_is_full() -> None:
     assert history.size == history.done[0].size
 
 
+def test_a_replaced_step_counts_once_and_is_another_state() -> None:
+    history, states = History(), {0}
+    history.add(noise(0))
+    for step in (noise(1), Step("small")):
+        history.replace_last(step)
+        states.add(history.state)
+        assert [step.what for step in history.done] == [step.what] and history.size == step.size
+    assert len(states) == 3
+
+
 def test_step_above_the_memory_limit_is_the_only_one() -> None:
     history = History(bytes_max=10)
     history.add(noise(0))

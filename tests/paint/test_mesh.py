@@ -26,6 +26,12 @@ def test_the_point_is_exact_from_afar() -> None:
     assert distance == pytest.approx(50.0 - 0.0005, abs=1e-9)
 
 
+def test_faces_without_area_have_a_positive_one() -> None:
+    shape = PaintableMesh(Mesh([[0, 0, 0], [0.3, 0, 0], [0, 0.6, 0]], [[0, 1, 2], [0, 1, 1]]))
+    assert shape.area_m2 == pytest.approx([0.09, 0.0], abs=1e-300) and shape.area_m2[1] > 0.0
+    assert shape.reach_m == pytest.approx([np.hypot(0.1, 0.4), 0.2])
+
+
 def test_nearest_of_several_bodies_is_hit(tmp_path) -> None:
     scene = make_scene(tmp_path)
     scene.pose("plate", np.eye(4))

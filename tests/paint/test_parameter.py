@@ -40,7 +40,7 @@ def test_slider_range_ends_at_the_device_limit(device) -> None:
         for p in by_name(swatch, device).values():
             assert p.minimum <= p.value <= p.maximum and np.isfinite(p.maximum)
     soft = by_name(Swatch("soft", stiffness_N_m=10.0), device)["stiffness_N_m"]
-    assert soft.maximum == min(limits_of(device, 1e-3).stiffness_N_m, 3000.0)
+    assert soft.minimum == 0.0 and soft.maximum == min(limits_of(device, 1e-3).stiffness_N_m, 3000.0)
 
 
 def test_gains_without_what_they_turn_up_do_not_apply() -> None:

@@ -144,6 +144,8 @@ def test_faces_and_opacity():
     paint_region(body, Box((-1, -1, -1), (1, 1, 1)), 1, opacity=0.25)
     assert len(body.fine) == 12 and (body.fine.level == 0).all() and (body.face_swatch == 0).all()
     assert area_m2(body, 1) == pytest.approx(6 * SIDE_M**2 / 4)
+    body = hapscene.Scene().add(hapscene.Mesh([[0, 0, 0], [1, 0, 0], [0, 0.05, 0]], [[0, 1, 2]]))
+    assert paint_region(body, Sphere((0.97, 0.0, 0.0), 0.01), 1).tolist() == [0]  # far from the middle of its face
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,7 @@ def nan_at(index):
         (VERTICES, FACES * 1.0, ""),
         (VERTICES * 1e9, FACES, "unit"),
         (VERTICES * 0, FACES, "0 m"),
+        (VERTICES - (0, 20e3, 0), FACES, "y = -20000 m"),
     ],
 )
 def test_invalid_arrays_raise(vertices, faces, place):
@@ -94,6 +95,14 @@ def test_from_trimesh_requires_units():
         Mesh.from_trimesh(box)
     box.units = "inches"
     assert Mesh.from_trimesh(box).diagonal_m == pytest.approx(0.0254 * np.sqrt(3))
+
+
+@pytest.mark.parametrize("index", [-9, 4])
+def test_invalid_index_of_a_face_with_texture_coordinates_raises(index):
+    faces, visual = FACES.copy(), trimesh.visual.TextureVisuals(uv=np.zeros((4, 2)))
+    faces[2, 1] = index
+    with pytest.raises(MeshError, match="face 2"):
+        Mesh.from_trimesh(trimesh.Trimesh(VERTICES, faces, visual=visual, process=False), "m")
 
 
 def test_from_trimesh_scene_applies_poses_and_reflections():

@@ -6,7 +6,8 @@ import trimesh
 
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.mesh_doctor import examine, repair
+from hapscene.scene.mesh_doctor import examine, length, repair
+from hapscene.scene.mesh_structure import height_of
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 V, F = np.array(BALL.vertices), np.array(BALL.faces)
@@ -34,6 +35,7 @@ def t_junction(gap_m: float) -> Mesh:
     return Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2]]))
 
 
+SHORT = np.array([[0.1, 0.1 - 4e-6, 0], [0, 0.1, 0], [0, 0, 0], [0.1, 0, 0], [0.1 - 4e-6, 0.1, 0]])  # from 0 to 4
 FAN = Mesh(
     np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
 )
@@ -53,6 +55,7 @@ BROKEN = {
     "t-junction": (t_junction(1e-8), {"open_edges": 7}),
     "crack": (t_junction(5e-6), {"open_edges": 7, "cracks": 1}),
     "gap": (t_junction(1e-3), {"open_edges": 7}),
+    "short edge": (Mesh(SHORT, np.array([[2, 3, 0], [2, 0, 4], [2, 4, 1]])), {"open_edges": 5}),
     "three at an edge": (FAN, {"open_edges": 6, "nonmanifold_edges": 1}),
     "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
     "cavity aside": (joined((TIPS, SIDES), (TIPS * 0.05 - 0.2, SIDES[:, ::-1])), {}),
@@ -81,6 +84,11 @@ def test_repair_preserves_vertices_and_is_complete(name):
     assert repair(mended) == (mended, [])
 
 
+def test_a_crack_is_as_wide_as_its_widest_gap():
+    (crack,) = (finding for finding in examine(BROKEN["crack"][0]).findings if finding.kind == "cracks")
+    assert crack.more.endswith(f" {length(5e-6)} wide")
+
+
 def test_repair_preserves_groups_and_colours():
     group, colour = np.arange(len(F)) % 3, np.random.default_rng(0).integers(0, 256, (len(F), 3))
     vertices, faces = np.concatenate([V, V]), flipped(F, slice(40, 80))
@@ -100,6 +108,11 @@ def test_repair_preserves_groups_and_colours():
 def test_repair_without_remaining_faces_raises():
     with pytest.raises(MeshError):
         repair(Mesh(V, F[:, [0, 0, 1]]))
+
+
+def test_height_of_a_triangle_is_that_over_its_longest_side():
+    found = height_of(np.array([[(0, 0, 0), (4, 0, 0), (1, 0.5, 0)], [(1, 1, 1)] * 3], float))
+    np.testing.assert_allclose(found, [0.5, 0.0])
 
 
 def test_group_names_are_escaped():

@@ -1,9 +1,14 @@
 """Export of meshes as PLY."""
 
+import io
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from hapscene.errors import MeshError
+from hapscene.scene.material import Material, picture_file
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import declared_counts, save_mesh
@@ -27,6 +32,25 @@ def test_roundtrip_is_exact(tmp_path):
     assert back.digest == mesh.digest and back.group_names == mesh.group_names
     np.testing.assert_array_equal(back.group, mesh.group)
     np.testing.assert_array_equal(back.colour_rgb, mesh.colour_rgb)
+
+
+def test_materials_and_their_pictures_are_kept(tmp_path):
+    """Also of a picture that two materials share, and of one that is damaged."""
+    red, grey = Image.new("RGB", (2, 3), (200, 10, 30)), Image.new("L", (5, 1), 77)
+    broken = Image.open(io.BytesIO(picture_file(red)[0][:-20]))
+    base, glow = "baseColorTexture", "emissiveTexture"
+    more = {"metallic": 0.25, "roughness": 0.5, "emissive": (0.1, 0.2, 0.3), "alpha": "MASK", "cutoff": 0.75}
+    textures = {base: red}, {base: grey, glow: red}, {glow: broken}
+    materials = tuple(Material(f"m {k}", (0.2, 0.4, 0.6, 0.8), textures=of, **more) for k, of in enumerate(textures))
+    uv, index = np.random.default_rng(1).random((80, 3, 2), np.float32), np.arange(80, dtype=np.int16) % 4 - 1
+    save_mesh(replace(random_mesh(), uv=uv, materials=materials, material=index), tmp_path / "m.ply")
+    back = load_mesh(tmp_path / "m.ply", "m")
+    np.testing.assert_array_equal(back.uv, uv)
+    np.testing.assert_array_equal(back.material, index)
+    assert [one.numbers for one in back.materials] == [one.numbers for one in materials]
+    found = [{name: np.asarray(picture).tolist() for name, picture in one.textures.items()} for one in back.materials]
+    pixels = [np.asarray(picture).tolist() for picture in (red, grey)]
+    assert found == [{base: pixels[0]}, {base: pixels[1], glow: pixels[0]}, {}]
 
 
 @pytest.mark.parametrize("name", ["m.stl", "no_folder/m.ply"])

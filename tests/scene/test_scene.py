@@ -91,8 +91,8 @@ def test_paint_all_faces_group_indices_mask_and_region(tmp_path):
 @pytest.mark.parametrize(
     ("where", "error", "name"),
     [
-        ([12], SceneError, "12"),
-        ([-1], SceneError, "-1"),
+        ([3, 12], SceneError, "12"),
+        ([-1, 3], SceneError, "-1"),
         ([0.5], SceneError, "box"),
         ([[0]], SceneError, "box"),
         ("lid", MeshError, "lid"),
@@ -172,6 +172,7 @@ def test_attached_bodies_move_with_their_parent():
     scene.attach("c", "b")
     quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     scene.pose("a", quarter)
+    assert scene.pose_count == 2
     np.testing.assert_allclose(scene.body("b").X_WB[:3, 3], (-1.0, 0.0, 0.0), atol=1e-15)
     np.testing.assert_array_equal(scene.body("c").X_WB, quarter)
     np.testing.assert_array_equal(scene.body("d").X_WB, np.eye(4))

@@ -271,6 +271,7 @@ def packed(content: bytes) -> str:
         packed(bytes(100_000_000)),  # 100 kB that unpack to 100 MB
         base64.b64encode(zlib.compress(bytes(8))[:-2]).decode(),
         packed(np.array([0, 1, -1, 2], "<i2").tobytes()),
+        packed(np.array([0, 1, 3, 2], "<i2").tobytes()),
     ],
 )
 def test_invalid_paint_raises(value: object) -> None:

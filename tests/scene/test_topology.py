@@ -62,6 +62,14 @@ def test_moebius_strip_is_one_sided():
     assert winding.one_sided.all() and not winding.turned.any()
 
 
+def test_edges_of_chosen_faces_leave_out_other_and_degenerate_faces():
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 2, 4], [0, 1, 1]])
+    edges = edges_of(faces, np.arange(5), np.array([True, True, False, True]))
+    assert edges.ends(np.arange(5)).tolist() == [[0, 1], [2, 0], [3, 0], [1, 2], [2, 3]]
+    assert edges.count.tolist() == [1, 2, 1, 1, 1] and not edges.closed
+    assert edges.count_by_face().tolist() == [[1, 1, 2], [2, 1, 1], [0, 0, 0], [0, 0, 0]]
+
+
 def test_volume_and_closed():
     far = np.asarray(BALL.vertices) + np.array([100.0, 0.0, 0.0])
     faces = np.asarray(BALL.faces)

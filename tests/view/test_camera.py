@@ -15,6 +15,7 @@ def test_camera_shows_all_points(size: tuple[int, int]) -> None:
     seen = np.concatenate([(points_m - X[:3, 3]) @ X[:3, :3] for X in poses])
     reach = np.abs(seen[:, :2]).max(axis=0) / (x_m, y_m)
     assert reach.max() == pytest.approx(1 / MARGIN)
+    assert far_m == pytest.approx(2.0 * np.ptp(seen, axis=0).max())
     assert seen[:, 2].max() < -far_m * 1e-4 and seen[:, 2].min() > -far_m
     assert seen[:, 2].min() + seen[:, 2].max() == pytest.approx(-far_m)  # equal distance in front and behind
     assert visible_size(points_m, R_SC) == pytest.approx(tuple(np.ptp(seen[:, :2], axis=0)))

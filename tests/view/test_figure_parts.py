@@ -9,6 +9,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view.figure_parts import (
+    ARROW_HEAD,
     ARROW_LENGTH,
     HEAD,
     PATH_RADIUS,
@@ -41,6 +42,7 @@ def test_path_tool_and_force(scene: Scene, recording: Recording) -> None:
     top = tip[tip[:, 2].argmax()]
     assert top == pytest.approx(recording.p_WP_m[900] + (0, 0, ARROW_LENGTH * figure.size_m), abs=1e-9)
     foot = moved(figure.parts[SHAFT], poses[SHAFT]).corner_m
+    assert foot[:, 2].max() == pytest.approx(top[2] - ARROW_HEAD * ARROW_LENGTH * figure.size_m)
     assert foot[:, 2].min() == pytest.approx(recording.p_WP_m[900, 2], abs=1e-9)
 
 

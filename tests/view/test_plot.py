@@ -15,6 +15,7 @@ from hapscene.view.plot import (
     BOTTOM,
     LEFT,
     LEGEND_ROW,
+    RANGE_DB,
     RIGHT,
     TITLE,
     draw_hand_plot,
@@ -29,6 +30,10 @@ def test_spectrogram_of_a_sine(recording: Recording) -> None:
     assert axes.get_ylim() == quiet.get_ylim() == (0.0, 1000.0) and quiet.texts[0].get_text() == "silence"
     image = axes.images[0]
     level_dB = np.asarray(image.get_array())
+    assert level_dB.shape == (101, (20_000 - 500) // 16 + 1)  # of 50 ms, 16 samples apart, padded to twice the length
+    assert image.get_extent() == pytest.approx([0.025, 0.025 + 1218 * 0.0016, 0.0, 1000.0])
+    top_dB = np.ceil(level_dB.max())
+    assert image.get_clim() == (top_dB - RANGE_DB, top_dB) and level_dB.min() == -300.0
     frequency_Hz = np.linspace(*image.get_extent()[2:], len(level_dB))
     assert abs(frequency_Hz[level_dB.max(axis=1).argmax()] - 250.0) <= 10.0
 
@@ -74,6 +79,24 @@ def test_lines(recording: Recording) -> None:
     assert (low, high) == pytest.approx((-3.0, 3.0), rel=0.01)
 
 
+def test_axes_have_their_labels_legends_and_ticks(recording: Recording) -> None:
+    figure = draw_plot(recording, "a title")
+    silent = draw_plot(replace(recording, a_m_s2=np.zeros_like(recording.a_m_s2))).axes
+    *rows, spectrum, bar = figure.axes
+    assert figure.get_suptitle() == "a title" and spectrum.get_xlabel() == "time [s]"
+    legends = [ax.get_legend() and [text.get_text() for text in ax.get_legend().get_texts()] for ax in rows]
+    assert legends == [["wood", "leather", "paper", "epoxy"], ["magnitude", "x", "y", "z"], None, None]
+    assert rows[0].get_ylabel() == "swatch" and rows[0].get_ylim() == (0.0, 1.0) and not len(rows[0].get_yticks())
+    assert not any(rows[0].spines[side].get_visible() for side in ("left", "bottom"))
+    assert not rows[0].xaxis.get_major_ticks()[0].tick1line.get_visible()
+    shown = [ax.xaxis.get_tick_params()["labelbottom"] for ax in rows]
+    assert shown == [False] * 4 and spectrum.xaxis.get_tick_params().get("labelbottom", True)
+    places = [ax.yaxis.label.get_position() for ax in (*rows, spectrum)]
+    assert places == [(-0.005, 0.5), *[(-0.052, 0.5)] * 4]
+    assert not any(line.get_visible() for line in (*spectrum.get_xgridlines(), *spectrum.get_ygridlines()))
+    assert bar.get_visible() and not silent[5].get_visible() and silent[3].get_ylim() == (-1.0, 1.0)
+
+
 def test_swatch_bar_and_shading(recording: Recording) -> None:
     axes = draw_plot(recording).axes
     shown = {bar.get_label(): spans(bar) for bar in axes[0].collections}
@@ -116,6 +139,12 @@ def test_closed_loop_plot(recording: Recording) -> None:
     np.testing.assert_allclose(lines["hand"] ** 2, np.sum(feel.f_hand_W_N**2, axis=1))
     np.testing.assert_allclose(lines["motors"] ** 2, np.sum(feel.f_motor_W_N**2, axis=1))
     np.testing.assert_allclose(drawn(work)["work of the motors"], 1e3 * np.cumsum(feel.work_J))
+    axes = height, force, acceleration, work
+    legends = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in axes]
+    assert [len(names) for names in legends] == [3, 2, 2, 1] and legends[2] == ["requested", "handle"]
+    assert all(spans(ax.collections[-1])[0] == pytest.approx((0.2, 0.25)) for ax in axes)
+    assert work.get_xlim() == (recording.t_s[0], recording.t_s[-1]) and work.get_xlabel() == "time [s]"
+    np.testing.assert_array_equal(work.lines[1].get_ydata(), 0.0)
     areas = {
         area.get_label(): area.get_paths()[0].vertices
         for area in acceleration.collections

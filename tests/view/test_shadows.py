@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.view.shadows import DARK, SUN, ZENITH, DepthPicture, Shadows
+from hapscene.view.shadows import DARK, SUN, ZENITH, DepthPicture, Shadows, _enlarged
 from hapscene.view.triangles import facing, fit_cameras, pose_of
 
 HALF_M = 0.1
@@ -56,6 +56,13 @@ def test_the_shadow_lies_where_the_sun_projects_the_plate(height_m: float) -> No
     assert dark.sum() / PX**2 == pytest.approx((2 * HALF_M) ** 2, rel=0.05)
     assert seen[row(y_m), column(x_m)] <= 1.0 - DARK[0] + 0.01
     assert (seen[[0, 0, -1, -1], [0, -1, 0, -1]] == 1.0).all()
+
+
+def test_values_of_squares_of_pixels_do_not_cross_a_step_in_depth() -> None:
+    for far_m, between in ((5.0, 1e-3), (1.0, 0.5)):
+        depth_m = np.array([[1.0, 1.0, far_m, far_m]] * 2, np.float32)
+        found = _enlarged(np.array([[0.0, 1.0]]), depth_m[::2, ::2], depth_m, 1.0)
+        np.testing.assert_allclose(found, [[0.0, between, 1.0, 1.0]] * 2, atol=2e-5)
 
 
 def test_the_sky_is_hidden_beside_a_body_and_less_farther_away() -> None:

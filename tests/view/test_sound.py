@@ -23,6 +23,16 @@ def test_spectrum(tmp_path: Path, recording: Recording) -> None:
     np.testing.assert_allclose(10 * np.log10(wave_density / recorded_density)[1:], 0.0, atol=0.1)
 
 
+@pytest.mark.parametrize(("count", "rises"), [(100, 5), (7, 3), (1, 0)])
+def test_both_ends_fade_over_5_ms_or_half_of_the_signal(tmp_path: Path, count: int, rises: int) -> None:
+    full_scale_m_s2 = write_wave(np.full(count, -2.0), 1000.0, tmp_path / "feel.wav")
+    rate_Hz, wave = wavfile.read(tmp_path / "feel.wav")
+    share = np.minimum(1.0, np.minimum(np.arange(count), np.arange(count)[::-1]) / max(rises, 1e-9))
+    expected = share if rises else np.ones(1)
+    assert rate_Hz == 1000
+    np.testing.assert_allclose(wave / 32767 * full_scale_m_s2, -2.0 * expected, atol=1e-4)
+
+
 def test_level(tmp_path: Path, recording: Recording) -> None:
     full_scale_m_s2 = write_wave(recording.a_m_s2.ravel(), recording.a_rate_Hz, tmp_path / "feel.wav")
     assert full_scale_m_s2 == pytest.approx(3.0 * 10 ** (1 / 20), rel=1e-3)

@@ -67,6 +67,7 @@ def test_moved_and_scaled() -> None:
     long = moved(ball, X)
     volume, outwards = volume_and_flux(long._replace(corner_m=long.corner_m - X[:3, 3]))
     assert volume == pytest.approx(5.0 * volume_and_flux(ball)[0]) and outwards.min() > 0.95
+    np.testing.assert_allclose(np.linalg.norm(long.normal, axis=1), 1.0, rtol=1e-9)
     assert moved(ball, np.eye(4)) is ball
 
 

@@ -47,7 +47,7 @@ class Composing:
 
     def __init__(self, painting: Painting) -> None:
         self._painting = painting
-        self._drag_count = 0
+        self._drag = object()
         self._scaled: dict[int, tuple[Mesh, float]] = {}  # id of a scaled mesh: the unscaled mesh, and the scale
         self._made: dict[tuple[int, float], Mesh] = {}  # id of the unscaled mesh, and the scale: the scaled mesh
 
@@ -184,7 +184,7 @@ class Composing:
 
     def begin_move(self) -> None:
         """Start a new undo step with the next move, however soon it follows."""
-        self._drag_count += 1
+        self._drag = object()
 
     def move(self, body: str, X_WB: ArrayLike, *, goes_on: bool = False) -> None:
         """Move a body to a pose, together with the bodies attached to it.
@@ -206,7 +206,7 @@ class Composing:
             attached = self._painting.scene.descendants(body)
             deltas = [self._delta(b, X_WB=rigid(step @ b.X_WB, f"body {b.name!r}")) for b in attached]
             deltas.insert(0, self._delta(one, X_WB=X_WB))
-            key = ("move", body, self._drag_count)
+            key = ("move", body, self._drag)
             self._painting.change(f"move {body!r}", (), deltas, key=key, goes_on=goes_on)
 
     def scale_of(self, body: str) -> float:

@@ -1,5 +1,6 @@
 """Undo history: compressed differences of faces, swatches and bodies before and after each step."""
 
+import itertools
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Sequence
@@ -231,7 +232,7 @@ class History:
         self.undone: list[Step] = []
         self.bytes_max = bytes_max
         self._size = 0
-        self._count = 0
+        self._numbers = itertools.count(1)
         self._base = 0  # number of the newest step that was dropped
 
     @property
@@ -248,7 +249,7 @@ class History:
         """Add a step that was done. Steps that were undone can no longer be redone."""
         self._size -= sum(s.size for s in self.undone)
         self.undone.clear()
-        self.done.append(self._numbered(step))
+        self.done.append(replace(step, number=next(self._numbers)))
         self._size += step.size
         dropped = 0
         while len(self.done) - dropped > 1 and (self._size > self.bytes_max or len(self.done) - dropped > STEP_MAX):
@@ -266,11 +267,7 @@ class History:
     def replace_last(self, step: Step) -> None:
         """Replace the last step by one that includes further changes."""
         self._size += step.size - self.done[-1].size
-        self.done[-1] = self._numbered(step)
-
-    def _numbered(self, step: Step) -> Step:
-        self._count += 1
-        return replace(step, number=self._count)
+        self.done[-1] = replace(step, number=next(self._numbers))
 
     def undo(self) -> Step | None:
         """Move the last step to `undone` and return it; None if it does not exist."""

@@ -108,7 +108,7 @@ class PaintableMesh:
         These are the faces near the line whose normals differ by at most `FACING_RAD` from that of one of `faces` (k,),
         the faces at the points. So a brush does not paint the other side of a thin wall.
         """
-        middle_m = (points_B_m.min(axis=0) + points_B_m.max(axis=0)) / 2
+        middle_m = points_B_m.mean(axis=0)
         half_m = float(np.linalg.norm(points_B_m - middle_m, axis=1).max())
         around = self._tree.query_ball_point(middle_m, half_m + radius_m + self._usual_m)
         near = np.union1d(np.array(around, np.int64), self._large)

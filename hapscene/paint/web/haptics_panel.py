@@ -162,7 +162,7 @@ class ParameterPanel:
         if p.name == "friction_dynamic" and tools.swatch is not None:  # keeps the ratio of the two coefficients
             swatch = self._context.session.scene.swatches[tools.swatch]
             ratio = swatch.friction_static / swatch.friction_dynamic if swatch.friction_dynamic > 0.0 else 1.0
-            numbers["friction_static"] = max(ratio, 1.0) * value
+            numbers["friction_static"] = ratio * value
         self._context.session.tune(tools.ensure_swatch(), **numbers)
 
     def _copy(self, target: Control) -> None:

@@ -203,6 +203,7 @@ def test_strokes_of_two_pages_at_once_are_both_painted_whole(page: Page, tab: Ta
         for each, y in ((tab, 0.005), (other, -0.005)):
             each.point(do, TOP + np.array([0.009 * x, y, -0.002 * abs(x)]))
             each.settle()
+            assert each.tools.stroking == (do != "up")
     names = [swatch.name for swatch in session.scene.swatches]
     for y, name in ((0.005, "wood"), (-0.005, "leather")):
         for x in np.linspace(-0.8, 0.8, 17):
