@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import hapscene
 from hapscene.clock import new_clock
-from hapscene.contact.prediction import FRAME, HORIZON_S, PREDICTED, predict_bodies
+from hapscene.contact.prediction import FRAME, HORIZON_S, LAG_FRAMES, PREDICTED, predict_bodies
 from hapscene.records import records
 from hapscene.surface.swatch import Swatch
 
@@ -118,6 +118,16 @@ def test_of_two_accelerations_with_the_same_sign_the_smaller_is_used() -> None:
         line.send(20 * k, v=0.02 * v[k], w=0.02 * w[k])
         line.tick(20 * k)
     np.testing.assert_allclose(line.predicted[0].other, (1, 2, 0, -1, 0, -1), atol=1e-9)
+
+
+def test_difference_to_a_frame_that_lacks_half_of_the_impulse_is_removed_slowly() -> None:
+    line, J = Line(0.2), 0.03 * np.array((2, -1, 2, 0, 0, 0)) / 3
+    for tick, given, contained, frames in ((0, 0, 0, 1), (20, 1, 0, 1), (40, 2, 1, LAG_FRAMES), (60, 2.4, 2, 1)):
+        line.impulse[0] = given * J
+        line.send(tick, applied=contained * J)
+        line.tick(tick)
+        period_s = 0.02 if tick > 0 else FRAME_S
+        assert line.predicted[0].left_s == pytest.approx(frames * period_s - TICK_S)
 
 
 @pytest.mark.parametrize("lags", [False, True])

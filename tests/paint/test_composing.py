@@ -9,9 +9,10 @@ from trimesh.creation import box, icosphere
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.paint.model.composing import _box, numbered
+from hapscene.paint.model.composing import FAR, GAP_SHARE, _box, _room_beside, numbered
 from hapscene.paint.model.painting import UNUSED_MESHES_MAX
 from hapscene.paint.model.session import Session
+from hapscene.scene.body import Body
 from hapscene.scene.scene import load_scene
 
 from .conftest import mesh_of, turned
@@ -122,6 +123,38 @@ def test_added_body_is_moved_beside_an_overlapping_body(session: Session) -> Non
     corners = [b.mesh.vertices_m @ b.X_WB[:3, :3].T + b.X_WB[:3, 3] for b in first]
     assert low[0] > max(c[:, 0].max() for c in corners)
     assert low[2] == pytest.approx(min(c[:, 2].min() for c in corners), abs=1e-12)
+
+
+def bodies_of(*boxes: tuple[tuple[float, ...], tuple[float, ...]]) -> list[Body]:
+    """Boxes, each given by its centre and size."""
+    scene = hapscene.Scene()
+    return [scene.add(mesh_of(box(size)), pose=turned(0.0, centre)) for centre, size in boxes]
+
+
+def test_room_is_made_for_bodies_that_overlap_others_or_lie_far_away() -> None:
+    """Bodies that fill (−0.1 … 1.1, −0.2 … 2.1, −0.3 … 3.1), and new ones of 0.5 by 0.25 by 0.1 whose centre moves."""
+    there = bodies_of(((0, 0, 0), (0.2, 0.4, 0.6)), ((1, 2, 3), (0.2, 0.2, 0.2)))
+
+    def moved(*to: float, of: float = 1.0) -> list[float]:
+        low, high = (np.add(to, of * np.array(part)) for part in ((-0.2, -0.075, 0), (0.2, 0.075, 0)))
+        sizes = (of * np.array(size) for size in ((0.1, 0.1, 0.1), (0.1, 0.1, 0.02)))
+        step = _room_beside(bodies_of(*zip((low, high), sizes, strict=True)), there)
+        return (step + to).tolist()
+
+    beside = pytest.approx([1.1 + 0.25 + GAP_SHARE * 0.5, 0.95, -0.3 + 0.05])
+    for centre in ((0, 0, 0), (0.9, 1.9, 3), (0.3, 0.3, 0.3)):
+        assert moved(*centre) == beside
+    for centre in ((0.5, 1.0, 1.5), (1.36, 2, 3), (0.5, -0.4, 0), (1, 2, 2.84)):  # in the gap between, or beside
+        assert moved(*centre) == list(centre)
+    for axis, (low, high) in enumerate(((-0.1 - 0.25, 1.1 + 0.25), (-0.2 - 0.125, 2.1 + 0.125), (-0.35, 3.15))):
+        for sign, edge in ((-1.0, low), (1.0, high)):
+            for share in (0.99, 1.01):
+                centre = np.array([0.5, 1.0, 1.5])
+                centre[axis] = edge + sign * share * FAR * 3.4
+                assert moved(*centre) == (beside if share > 1.0 else centre.tolist())
+    for share in (0.99, 1.01):  # the larger of the two counts
+        centre = (0.0, 2.1 + 1.25 + share * FAR * 5.0, 0.0)
+        assert (moved(*centre, of=10.0) == list(centre)) == (share < 1.0)
 
 
 def test_children_go_along_and_cycles_are_refused(session: Session) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.paint.model.history import FaceDelta, History, Step
+from hapscene.paint.model import history as module
+from hapscene.paint.model.history import FaceDelta, History, Step, pack_steps, unpack_steps
 
 
 @settings(max_examples=40, deadline=None)
@@ -51,6 +52,14 @@ def test_a_replaced_step_counts_once_and_is_another_state() -> None:
         states.add(history.state)
         assert [step.what for step in history.done] == [step.what] and history.size == step.size
     assert len(states) == 3
+
+
+def test_newest_steps_are_packed_up_to_a_limit(monkeypatch) -> None:
+    steps = [noise(seed) for seed in range(4)]
+    for count in (0, 1, 3):
+        monkeypatch.setattr(module, "PACKED_BYTES", sum(step.size for step in steps[4 - count :]))
+        found = unpack_steps(pack_steps(steps))
+        assert [(step.what, step.faces) for step in found] == [(step.what, step.faces) for step in steps[4 - count :]]
 
 
 def test_step_above_the_memory_limit_is_the_only_one() -> None:

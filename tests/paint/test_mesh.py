@@ -99,6 +99,13 @@ def test_on_a_plate_it_paints_the_capsule_and_the_way(ends, radius_m) -> None:
 PLATE = PaintableMesh(plate_mesh())
 
 
+def test_along_a_line_it_paints_what_it_paints_along_the_parts() -> None:
+    faces, points = zip(*(top_face(PLATE, x, 0.001) for x in (-0.0185, -0.0175, 0.0185)), strict=True)
+    whole, one, other = (PLATE.brush(faces[a:b], np.stack(points[a:b]), 2e-4) for a, b in ((0, 3), (0, 2), (1, 3)))
+    np.testing.assert_array_equal(whole, np.union1d(one, other))
+    assert len(one) < len(other) < len(whole)
+
+
 def test_round_a_bend_it_paints_as_far_as_it_looks_the_same_way() -> None:
     shape = PaintableMesh(mesh_of(cylinder(radius=0.005, height=0.1, sections=180)))
     found = shape.pick(np.array([1.0, 0.0, 0.001]), np.array([-1.0, 0.0, 0.0]))

@@ -1,5 +1,8 @@
 """A swatch's numbers: limits of the device as the renderer keeps them, and what follows when one is turned."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +10,7 @@ from hypothesis import strategies as st
 
 import hapscene
 from hapscene.device.model import IDEAL, limits_of
+from hapscene.errors import EffectError
 from hapscene.paint.model.tuning import Parameter, parameters_of, tuned
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import load_effect
@@ -41,6 +45,20 @@ def test_slider_range_ends_at_the_device_limit(device) -> None:
             assert p.minimum <= p.value <= p.maximum and np.isfinite(p.maximum)
     soft = by_name(Swatch("soft", stiffness_N_m=10.0), device)["stiffness_N_m"]
     assert soft.minimum == 0.0 and soft.maximum == min(limits_of(device, 1e-3).stiffness_N_m, 3000.0)
+
+
+def test_a_parameter_of_two_effects_has_the_range_that_both_allow() -> None:
+    ranges = {"wide": (0.0, 3.0), "high": (1.0, 5.0)}
+    effects: list[Any] = [
+        SimpleNamespace(name=name, params=[SimpleNamespace(name="give", minimum=low, maximum=high)])
+        for name, (low, high) in ranges.items()
+    ]
+    for order in (effects, effects[::-1]):
+        for value in (0.9, 3.1, np.nan):
+            with pytest.raises(EffectError, match="1 to 3"):
+                tuned(Swatch("x"), {"give": value}, order)
+        for value in (1.0, 3.0):
+            assert tuned(Swatch("x"), {"give": value}, order).effects == {name: {"give": value} for name in ranges}
 
 
 def test_gains_without_what_they_turn_up_do_not_apply() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from trimesh.creation import box, icosphere
 
+from hapscene.paint.model.mesh import MANY, WIDE, Visibility, visible_points
 from hapscene.paint.model.session import Session
 from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
@@ -53,6 +54,18 @@ def test_other_side_of_a_thin_wall_and_hidden_bodies_are_not_painted() -> None:
         assert (scene.bodies[0].face_swatch[low] == 1).any() == through
 
 
+def test_from_afar_a_plate_hides_what_is_close_behind_it() -> None:
+    scene = Scene()
+    for name, z_m in (("upper", 0.0), ("lower", -0.003)):
+        scene.add(plate_mesh(0.001), name=name, pose=turned(0.0, (0.0, 0.0, z_m)))
+    x, y, z = np.random.default_rng(0).uniform(-0.019, 0.019, (3, 200))
+    top = z > 0.0
+    points = np.stack([x, y, np.where(top, 0.0005, -0.0025)], axis=1)
+    for far_m in (0.01, 1.0, 1e5):
+        seen = visible_points(scene.bodies, Session(scene).shapes, points, (0.0, 0.0, far_m))
+        np.testing.assert_array_equal(seen, top)
+
+
 def test_a_sheet_close_behind_another_of_the_same_body_is_not_painted() -> None:
     sheets = [box((0.04, 0.04, 1e-4)).subdivide().subdivide().subdivide() for _ in range(2)]
     sheets[1].apply_translation((0.0, 0.0, 3e-4))
@@ -99,6 +112,17 @@ def test_partly_occluded_face_is_painted_where_visible(tool: str) -> None:
             wrong_m.append(abs(by_m))
     assert hidden_count > 50
     assert max(wrong_m) < finest_of(body.mesh) + 0.02 * (1 - np.cos(np.pi / 50))  # the ball is of facets
+
+
+def test_parts_are_cut_above_a_width_that_grows_with_their_number() -> None:
+    scene = Scene()
+    scene.add(plate_mesh(0.001), name="plate")
+    look, away_m = Visibility(scene.bodies, Session(scene).shapes, 0, EYE), EYE[2] - 0.0005
+    for count, times in ((100, 0.9), (100, 1.1), (2 * MANY, 1.9), (2 * MANY, 2.1)):
+        side_m = times * WIDE * away_m
+        triangle = np.array([(-side_m / 2, -1e-3, 0.0005), (side_m / 2, -1e-3, 0.0005), (0.0, 2e-3, 0.0005)])
+        seen, partly = look(np.tile(triangle, (count, 1, 1)), np.ones(count, np.uint8))
+        assert seen.all() and (partly == (times in (1.1, 2.1))).all()
 
 
 def test_narrow_occluder_is_detected() -> None:

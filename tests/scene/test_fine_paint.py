@@ -167,6 +167,22 @@ def test_invalid_numbers_raise(setting, field, monkeypatch):
     assert body.fine is None
 
 
+def test_limit_of_subfaces_includes_those_of_other_faces(monkeypatch):
+    _, body = cube()
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1)
+    before, other = body.fine, Sphere(-CENTRE, RADIUS_M / 2)
+    paint_region(body, other, 2)
+    count, body.fine = len(body.fine), before
+    assert count > 1.3 * len(before)
+    monkeypatch.setattr("hapscene.scene.fine_paint.SUBFACE_MAX", count - 1)
+    with pytest.raises(SceneError):
+        paint_region(body, other, 2)
+    assert body.fine is before
+    monkeypatch.setattr("hapscene.scene.fine_paint.SUBFACE_MAX", 2 * count)  # some are merged at the end
+    paint_region(body, other, 2)
+    assert len(body.fine) == count
+
+
 def test_falloff_needs_a_volume():
     scene, _ = cube()
     with pytest.raises(SceneError, match="falloff_m"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import FormatError, MeshError
-from hapscene.scene import mesh, mesh_file
+from hapscene.scene import gltf_check, mesh, mesh_file
 from hapscene.scene.gltf_check import check_gltf, parse_gltf
 from hapscene.scene.mesh_file import load_mesh
 
@@ -141,6 +141,20 @@ def test_invalid_text_is_read_from_a_binary_file_of_another_program_alone(
     content = write(tmp_path, gltf(extras="name"), suffix).read_bytes().replace(b"name", b"na\xffe")
     with nullcontext() if fits else pytest.raises(FormatError, match="not a valid"):
         assert parse_gltf(content, suffix == "glb", "a", strict)[0]["extras"] == "na\N{REPLACEMENT CHARACTER}e"
+
+
+def test_files_of_other_programs_may_have_as_many_lists_as_fit_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = json.dumps(gltf()).encode()
+    for limits, strictly, else_too in (
+        ((8, 100), False, True),
+        ((10**6, 10**12), True, True),
+        ((8, 10**12), False, False),
+    ):
+        for name, limit in zip(("CONTAINER_MAX", "CONTAINER_B"), limits, strict=True):
+            monkeypatch.setattr(gltf_check, name, limit)
+        for strict, fits in ((True, strictly), (False, else_too)):
+            with nullcontext() if fits else pytest.raises(FormatError, match="at most"):
+                assert parse_gltf(content, False, "a", strict)[0] == gltf()
 
 
 def test_too_many_lists_raise(tmp_path: Path) -> None:

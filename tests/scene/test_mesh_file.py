@@ -201,6 +201,13 @@ def test_off_with_wrong_counts_raises(tmp_path, counts, line):
         load_mesh(tmp_path / "a.off", "m")
 
 
+@pytest.mark.parametrize("index", [-1, 5])
+def test_off_with_a_wrong_index_raises(tmp_path, index):
+    (tmp_path / "a.off").write_text(f"OFF\n4 2 0\n0 0 0\n1 0 0\n2 1 0\n1 2 0\n3 0 1 2\n3 0 {index} 2\n")
+    with pytest.raises(MeshError, match="line 8:"):
+        load_mesh(tmp_path / "a.off", "m")
+
+
 def test_off_polygons_become_fans(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n5 2 0\n0 0 0\n1 0 0\n2 1 0\n1 2 0\n0 1 0\n5 0 1 2 3 4\n3 0 2 4\n")
     assert load_mesh(tmp_path / "a.off", "m").faces.tolist() == [[0, 2, 4], [0, 1, 2], [0, 2, 3], [0, 3, 4]]

@@ -2,6 +2,8 @@
 
 import io
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from hapscene.errors import MeshError
 from hapscene.scene.material import Material, picture_file
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.ply import declared_counts, save_mesh
+from hapscene.scene.ply import declared_counts, mesh_to_ply, ply_groups, save_mesh
 
 
 def random_mesh(seed: int = 0) -> Mesh:
@@ -32,6 +34,14 @@ def test_roundtrip_is_exact(tmp_path):
     assert back.digest == mesh.digest and back.group_names == mesh.group_names
     np.testing.assert_array_equal(back.group, mesh.group)
     np.testing.assert_array_equal(back.colour_rgb, mesh.colour_rgb)
+
+
+@pytest.mark.parametrize("group", [[0, 2, 0], [0, -1, 2], [0, 3, 2]])
+def test_groups_without_a_name_in_the_header_are_ignored(group):
+    face: Any = {"face": {"data": {"group": np.array(group)}}}
+    loaded = SimpleNamespace(geometry={"": SimpleNamespace(faces=np.zeros((3, 3)), metadata={"_ply_raw": face})})
+    found = ply_groups(mesh_to_ply(random_mesh()), loaded)
+    assert found is None if group[1] != 2 else (found[0].tolist(), found[1]) == (group, list(random_mesh().group_names))
 
 
 def test_materials_and_their_pictures_are_kept(tmp_path):

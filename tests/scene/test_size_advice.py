@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -9,7 +10,7 @@ from hapscene.cli.inputs import load_input, print_size_advice
 from hapscene.cli.options import MeshOptions
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene
-from hapscene.scene.size_advice import size_advice
+from hapscene.scene.size_advice import dimensions, size_advice
 
 WIDE = trimesh.creation.box((0.16, 0.15, 0.12))
 
@@ -40,6 +41,12 @@ def test_scene_larger_than_the_workspace() -> None:
     assert "860 × 150 × 120 mm" in found.words and "omni" in found.words
     assert found.scale == 0.1 and "--" not in found.words
     assert size_advice(scene, "premium-1.5").words == size_advice(scene, "another device").words == ""
+
+
+def test_dimensions_have_the_unit_of_the_largest() -> None:
+    sizes_m = (2.0, 0.5, 0.01234), (0.0, 1e-3, 5e-4), (9e-4, 1e-5, 0.0)
+    found = [dimensions(np.array(size_m)) for size_m in sizes_m]
+    assert found == ["2 × 0.5 × 0.0123 m", "0 × 1 × 0.5 mm", "900 × 10 × 0 µm"]
 
 
 def test_commands_print_advice_once(wide: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -9,7 +9,7 @@ from PIL import Image
 from hapscene.surface.look import Look
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.swatches.picture import BALL_M, LIGHT
-from hapscene.view.feel_layer import CONTRAST, SHADE, TILES_MAX, grain_of
+from hapscene.view.feel_layer import CONTRAST, SHADE, TILES_MAX, box_uv, grain_of
 
 
 def png(pixels: np.ndarray) -> bytes:
@@ -44,3 +44,14 @@ def test_a_swatch_without_relief_and_picture_is_flat() -> None:
 def test_a_grain_is_magnified_where_it_would_repeat_too_often(tiles: float, times: int) -> None:
     grain = grain_of(PLAIN)
     assert grain.tile_m(tiles * TILES_MAX * grain.size_m) == times * grain.size_m
+
+
+def test_pictures_are_projected_along_the_main_axis_upright_and_not_mirrored() -> None:
+    u, v = np.array([(3.0, 5.0), (4.0, 5.0), (3.0, 7.0)]).T
+    for axis, right, up in ((0, 1, 2), (1, 0, 2), (2, 0, 1)):
+        for side in (1.0, -1.0):
+            corner_m, sign = np.zeros((1, 3, 3)), side * (-1.0 if axis == 1 else 1.0)
+            corner_m[0, :, right], corner_m[0, :, up] = sign * u, v
+            uv, way = box_uv(corner_m, 0.5)
+            np.testing.assert_array_equal(uv, np.stack([u, v], axis=1)[None] / 0.5)
+            np.testing.assert_array_equal(way, sign * np.eye(3)[[right]])

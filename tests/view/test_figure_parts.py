@@ -20,8 +20,8 @@ from hapscene.view.figure_parts import (
     arrow_ticks,
     make_figure_parts,
 )
-from hapscene.view.palette import LIGHT
-from hapscene.view.triangles import moved
+from hapscene.view.palette import AIR, LIGHT, PATH
+from hapscene.view.triangles import joined, moved, tube
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +44,19 @@ def test_path_tool_and_force(scene: Scene, recording: Recording) -> None:
     foot = moved(figure.parts[SHAFT], poses[SHAFT]).corner_m
     assert foot[:, 2].max() == pytest.approx(top[2] - ARROW_HEAD * ARROW_LENGTH * figure.size_m)
     assert foot[:, 2].min() == pytest.approx(recording.p_WP_m[900, 2], abs=1e-9)
+
+
+def test_path_is_thick_on_the_surface_and_thin_from_its_last_to_its_next_point(
+    scene: Scene, recording: Recording
+) -> None:
+    figure = make_figure_parts(scene, recording, LIGHT, np.array([230, 520]))
+    radius_m = PATH_RADIUS * figure.size_m
+    line_m = figure.p_SP_m + recording.touching[:, None] * recording.nhat_W * radius_m / 2
+    pieces = (((0, 201, AIR), (200, 231, PATH)), ((230, 250, PATH), (249, 501, AIR), (500, 521, PATH)))
+    for part, runs in zip(figure.parts[-2:], pieces, strict=True):
+        solid = joined([tube(line_m[a:b], radius_m * (1.0 if of == PATH else 0.4), of) for a, b, of in runs])
+        np.testing.assert_array_equal(part.corner_m, solid.corner_m)
+        np.testing.assert_array_equal(part.colour, solid.colour)
 
 
 def test_tool_proxy_and_arrow_grow_with_the_scene(scene: Scene, recording: Recording) -> None:

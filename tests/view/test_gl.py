@@ -1,5 +1,6 @@
 """Triangles and depths as pyrender takes and gives them, without OpenGL."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 
 from hapscene.view import gl
-from hapscene.view.triangles import NOTHING, Triangles
+from hapscene.view.shadows import SUN, ZENITH
+from hapscene.view.triangles import NOTHING, Drawing, Triangles
 
 FAKE: Any = SimpleNamespace(
     Mesh=list, Primitive=SimpleNamespace, Texture=SimpleNamespace, MetallicRoughnessMaterial=SimpleNamespace
@@ -26,6 +28,38 @@ def test_translucent_triangles_are_blended_and_drawn_last() -> None:
     channels = [look.baseColorTexture.source_channels for look in looks if hasattr(look, "baseColorTexture")]
     assert channels == ["RGB", "RGBA"] and looks[1].roughnessFactor == 0.2
     assert made[0].positions.dtype == np.float32 and made[0].mode == 4
+
+
+class Scene:
+    """Stands in for a scene and for a renderer that sees nothing."""
+
+    def __init__(self, *size: int, **look: Any) -> None:
+        self.size, self.there = size, list[Any]()
+
+    def add(self, what: Any, pose: Any = None) -> Any:
+        self.there.append(what)
+        return what
+
+    def remove_node(self, node: Any) -> None:
+        self.there.remove(node)
+
+    def render(self, scene: "Scene", flags: Any) -> np.ndarray:
+        assert len(scene.there) == 2  # the bodies, and one camera
+        return np.zeros(self.size[::-1], np.float32)
+
+
+def test_shadows_know_the_ground_and_the_size_of_the_bodies() -> None:
+    more = {"OrthographicCamera": lambda *size, **depth: size, "RenderFlags": SimpleNamespace(DEPTH_ONLY=1)}
+    fake: Any = SimpleNamespace(**vars(FAKE) | more, Scene=Scene, OffscreenRenderer=Scene)
+    corner_m = np.array([(1.0, 2.0, -0.5), (4.0, 2.0, 0.0), (1.0, 6.0, 11.5)])
+    bodies = [Triangles(corner_m, corner_m, np.ones((3, 4))), Triangles(9.0 * corner_m, corner_m, np.ones((3, 3)))]
+    drawing = Drawing(bodies, [], (1.0, 1.0, 1.0), (8, 6), "#ffffff", 1, casters=[0])
+    found = gl._shadows(fake, drawing)
+    assert found is not None and (found.low_m, found.size_m) == (-0.5, 13.0)
+    for picture, direction in ((found.sun, SUN), (found.sky, ZENITH)):
+        assert picture.depth_m.shape == (6, 8) and np.isinf(picture.depth_m).all()
+        np.testing.assert_allclose(picture.X_SC[:3, 2], np.array(direction) / np.linalg.norm(direction))
+    assert gl._shadows(fake, replace(drawing, casters=())) is None
 
 
 @pytest.mark.parametrize("oversampling", [1, 2])

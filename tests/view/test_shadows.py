@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.view.shadows import DARK, SUN, ZENITH, DepthPicture, Shadows, _enlarged
+from hapscene.view.shadows import DARK, SUN, ZENITH, DepthPicture, Shadows, _enlarged, _normals
 from hapscene.view.triangles import facing, fit_cameras, pose_of
 
 HALF_M = 0.1
@@ -56,6 +56,21 @@ def test_the_shadow_lies_where_the_sun_projects_the_plate(height_m: float) -> No
     assert dark.sum() / PX**2 == pytest.approx((2 * HALF_M) ** 2, rel=0.05)
     assert seen[row(y_m), column(x_m)] <= 1.0 - DARK[0] + 0.01
     assert (seen[[0, 0, -1, -1], [0, -1, 0, -1]] == 1.0).all()
+
+
+def test_a_plate_in_the_sun_does_not_shade_itself() -> None:
+    seen = plate(ZENITH, 0.05)
+    shadows = Shadows(plate(SUN, 0.05), seen._replace(depth_m=np.full_like(seen.depth_m, np.inf)), 0.0, 4 * HALF_M)
+    pixels = shadows.cast(np.full((PX, PX, 3), 255, np.uint8), seen.depth_m, seen.X_SC, seen.pixel_m)
+    rows, columns = np.nonzero(np.isfinite(seen.depth_m))
+    assert (pixels[rows.min() + 8 : rows.max() - 8, columns.min() + 8 : columns.max() - 8] == 255).all()
+
+
+def test_normals_are_of_unit_length_and_point_to_the_camera() -> None:
+    x, y = np.meshgrid(1e-3 * np.arange(5.0), -1e-3 * np.arange(4.0))
+    found = _normals(np.stack([x, y, 0.5 * x - 0.25 * y]))
+    normal = np.array([-0.5, 0.25, 1.0]) / np.sqrt(1.3125)
+    np.testing.assert_allclose(found, np.broadcast_to(normal[:, None, None], (3, 4, 5)), atol=1e-6)
 
 
 def test_values_of_squares_of_pixels_do_not_cross_a_step_in_depth() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hapscene
-from hapscene.paint.web.monitor import RISE_S, Loudness
+from hapscene.paint.web.monitor import PEAK, RISE_S, Loudness
 from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 
 BLOCK_S = 0.015
@@ -22,6 +22,17 @@ def test_strokes_on_all_swatches_are_played_as_in_the_library(name: str) -> None
         assert np.abs(block).max() * max(first, last) <= FULL_SCALE_M_S2
     assert abs(20 * np.log10(loudness.gain / sound.loudness_gain)) < 1.0
     assert loudness.rms_m_s2 == pytest.approx(np.sqrt(np.mean(block**2)))
+
+
+def test_no_sample_clips_and_the_gain_returns_with_its_time_constant() -> None:
+    loudness, silence = Loudness(), np.zeros((15, 10))
+    loud = np.where(np.arange(150).reshape(15, 10) == 7, -10.0 * FULL_SCALE_M_S2, 0.0)
+    assert loudness.take(loud, None, BLOCK_S) == pytest.approx((PEAK / 10, PEAK / 10))
+    assert loudness.rms_m_s2 == pytest.approx(10.0 * FULL_SCALE_M_S2 / np.sqrt(150.0))
+    back = (PEAK / 10) ** np.exp(-BLOCK_S / RISE_S)
+    assert loudness.take(silence, None, BLOCK_S) == pytest.approx((PEAK / 10, back))
+    assert loudness.take(silence[:0], None, 0.0) == pytest.approx((back, back)) and loudness.rms_m_s2 == 0.0
+    assert str(loudness) == f"0 m/s² rms, played {20 * np.log10(back):+.0f} dB"
 
 
 def test_gain_is_continuous_and_returns_after_the_contact() -> None:
