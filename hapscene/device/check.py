@@ -174,7 +174,7 @@ def _check_state(state: Record, driver: Driver) -> None:
     if not np.isfinite(state.p_DT_m).all():
         raise Failed(f"position {state.p_DT_m.tolist()}, expected finite numbers")
     R = np.asarray(state.R_DT)
-    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0):  # also for NaN
+    if not (np.isfinite(R).all() and np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0):
         raise Failed(f"orientation {R.tolist()}, expected a rotation matrix (the identity if unknown)")
     if int(state.buttons) >> driver.button_count:
         raise Failed(f"buttons are {int(state.buttons):b}, expected bits of the driver's {driver.button_count} buttons")
@@ -300,6 +300,7 @@ def _check_not_ready(session: Session) -> str:
 
 def _check_fault(session: Session, fault: str = "") -> str:
     emulator = session.emulator
+    session.await_ready()
     emulator.fault, error = fault, ""
     try:
         session.turn(SETTLE_TICKS)
@@ -318,8 +319,9 @@ def _check_fault(session: Session, fault: str = "") -> str:
         found = f"{found}; then DeviceError: {error}"
         _check_open(session)
     session.await_ready()
+    session.turn(2 * SETTLE_TICKS)
     count = int(session.device.state.count[0])
-    session.turn(4 * SETTLE_TICKS)
+    session.turn(2 * SETTLE_TICKS)
     if int(session.device.state.count[0]) == count:
         raise Failed("no new sample after the device works again, expected its samples")
     return found
@@ -327,6 +329,7 @@ def _check_fault(session: Session, fault: str = "") -> str:
 
 def _check_close(session: Session) -> str:
     if session.emulated is not None and session.driver.force:
+        session.await_ready()
         session.turn(SETTLE_TICKS, FORCE_N)
     session.device.close()
     session.device.close()

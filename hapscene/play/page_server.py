@@ -136,7 +136,7 @@ class PageServer:
     def attach(self, servo: "Servo") -> None:
         """Connect a servo, which was made with `devices` and started at the origin."""
         self._servo = servo
-        self._say(self._said)
+        self._version += 1
 
     def close(self) -> None:
         """Close every connection and lift the tools. A second call has no effect."""

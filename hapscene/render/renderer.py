@@ -659,6 +659,7 @@ class Renderer:
 
     def _place(self, slots: MovingBodies) -> None:
         """Set the poses of bodies now, between two ticks."""
+        use_moving_bodies(self.world, self.surface)
         call_entry(
             place_bodies, self.world, self.surface, slots.index, slots.poses, slots.teleported, len(slots.index), 0
         )

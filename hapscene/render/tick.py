@@ -242,7 +242,8 @@ def react(world: "World", surface: "Surface") -> None:
                 share_N = normal_N * proxy.push_m[i] / touch.depth_m
                 n = (proxy.nhat_W[i, 0], proxy.nhat_W[i, 1], proxy.nhat_W[i, 2])
                 force = along(force, -share_N, n)
-                centre = (touch.p_WP_m[0], touch.p_WP_m[1], touch.p_WP_m[2])  # from where the push is along the arm
+                # the force passes through the centre of the tip, so its moment is that about the point of contact
+                centre = (touch.p_WP_m[0], touch.p_WP_m[1], touch.p_WP_m[2])
                 _give(world, proxy.body[i], touch, centre, (share_N * n[0], share_N * n[1], share_N * n[2]))
     if index < 0:
         force = (0.0, 0.0, 0.0)

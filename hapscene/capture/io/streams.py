@@ -152,7 +152,7 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
     length = round(0.05 * rate_Hz)
     raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))
     found = []
-    for part in blocks(len(raw), BLOCK // length + 1):
+    for part in blocks(len(raw), max(1, BLOCK // length)):
         own, slow = raw[part], low[part]
         mean, fast = slow.mean(axis=1), (np.abs(own) - slow).std(axis=1)
         noise = (own.std(axis=1) > 0.3 * mean) & (mean < 4.5 * fast) & (np.quantile(slow, 0.1, axis=1) > 0.3 * mean)
