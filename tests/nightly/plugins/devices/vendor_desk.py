@@ -24,7 +24,7 @@ DESK = np.dtype(
             ("warmth", "f8"),
             ("most_force", "f8"),
         ],
-        *[("workspace", "f8", (6,)), ("ahead_s", "f8"), *[(name, "i8") for name in COUNTS], ("status", "i8", (16,))],
+        *[("workspace", "f8", (6,)), ("at_s", "f8"), *[(name, "i8") for name in COUNTS], ("status", "i8", (16,))],
         *[(name, "i8") for name in FAULTS],
         *[("refuse", "S32"), ("name", "S32"), ("second", "S32"), ("tried", "S256"), ("rows", ROW, (1 << 17,))],
     ]
