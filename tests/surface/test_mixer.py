@@ -62,7 +62,7 @@ def test_force_and_slew_limits():
 
 
 def write(touch, p, table, s, out):
-    """Write all outputs: in proportion to the tick and to a parameter, and `bad` to one of them."""
+    """Write all outputs: in proportion to the tick and to a parameter, and `bad` to one output."""
     s.ticks += 1.0
     for i in range(3):
         out.f_W_N[i] += s.ticks * p.size * (i + 1)
