@@ -13,6 +13,11 @@ from hapscene import interrupt
 from hapscene.cli import main
 from hapscene.interrupt import AGAIN_S, ENDS, interrupt_noted, interrupted_by_ends, reraise_swallowed_interrupt
 
+pytestmark = [
+    pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers"),
+    pytest.mark.timeout(60, method="thread"),  # the other method is a timer too
+]
+
 KINDS = (signal.SIGINT, *ENDS)
 IMPORTER, OTHER = (
     SimpleNamespace(f_code=SimpleNamespace(co_filename=name)) for name in (interrupt.IMPORTER, "a.py")
@@ -28,8 +33,6 @@ def handle(kind: int) -> None:
 def alarms(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
     """Timers that were set; none of them ends."""
     alarms: list[Any] = []
-    if not hasattr(signal, "setitimer"):
-        pytest.skip("Windows has no timers")
     before = signal.signal(signal.SIGALRM, signal.SIG_DFL)
     monkeypatch.setattr(signal, "setitimer", lambda *given: alarms.append(given[1:]))
     yield alarms
@@ -135,7 +138,7 @@ def test_interrupted_command_reports_it_and_exits_with_the_signal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def end(*arguments: object, **more: object) -> None:
-        os.kill(os.getpid(), signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
 
     monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
     (tmp_path / "any.glb").touch()

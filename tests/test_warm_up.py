@@ -16,6 +16,7 @@ USED = {
 }
 
 
+@pytest.mark.timeout(600)  # with an empty cache, it compiles everything
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled: NUMBA_DISABLE_JIT")
 def test_compiled_functions_of_all_features_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
     used, whole = {"before": set[str]()}, Native.__dict__["whole"].func

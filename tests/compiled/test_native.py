@@ -4,6 +4,7 @@ import functools
 import importlib
 import io
 import os
+import re
 import shutil
 import sys
 import time
@@ -104,7 +105,8 @@ def test_inlined_function_alone_and_in_a_caller() -> None:
     caller = native(lambda x: part(x) + part(x))
     assert part(21.0) == caller(10.5) == 42.0
     (code,) = caller.whole.inspect_llvm().values()
-    assert code.count("define") == 3  # the function, and its wrappers for Python and C
+    if pipeline.SUPPORTED:
+        assert len(re.findall("^define ", code, re.MULTILINE)) == 3  # the function, and its wrappers for Python and C
     assert native(source).__name__ == "source" and native(source).__module__ == __name__
 
 

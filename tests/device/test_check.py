@@ -265,6 +265,7 @@ def test_an_unknown_option_is_refused() -> None:
 
 @pytest.mark.parametrize("good", [True, False])
 def test_as_typed_on_an_emulator_behind_a_port(good: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("tty", reason="this system has no pseudo-terminals")
     given: list[Any] = []
     monkeypatch.setattr("hapscene.device.check.check_driver", lambda *words: given.extend(words) or good)
     assert main(["device", "check", f"{__name__}:DRIVER", "--emulator", f"{__name__}:Board"]) == 1 - good

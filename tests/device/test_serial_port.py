@@ -3,7 +3,6 @@
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -26,6 +25,11 @@ class Wire:
         self.port = SerialPort("toy", self.name, 115_200, clock=self.clock)
         os.close(theirs)
 
+    def unplug(self) -> None:
+        if self.end >= 0:
+            os.close(self.end)
+        self.end = -1
+
     def received(self, count: int) -> bytes:
         """The next bytes that arrive at the device."""
         data = b""
@@ -39,8 +43,7 @@ def wire() -> Iterator[Wire]:
     wire = Wire()
     yield wire
     wire.port.close()
-    with suppress(OSError):
-        os.close(wire.end)
+    wire.unplug()
 
 
 def test_bytes_pass_both_ways_and_a_read_never_waits(wire: Wire) -> None:
@@ -109,7 +112,7 @@ def test_python_moves_the_bytes_of_compiled_code_where_it_has_no_port(wire: Wire
 
 
 def test_a_disconnected_port_is_an_error_of_each_call_but_close(wire: Wire) -> None:
-    os.close(wire.end)
+    wire.unplug()
     for call in (wire.port.read, lambda: wire.port.write(b"x"), wire.port.flush):
         with pytest.raises(DeviceError, match="disconnected"):
             call()

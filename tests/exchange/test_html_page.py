@@ -113,8 +113,7 @@ def test_shape_and_paint(scene: Scene) -> None:
         start += len(expected)
     assert start == len(corners)
     assert content["colour"].size == content["position"].size and content["main"] == 0
-    d_m = float(np.linalg.norm(content["size"]))
-    assert content["scale"] * d_m == pytest.approx(d_m)  # of 0.4 m
+    assert content["scale"] == pytest.approx(1.0)  # a scene of 0.4 m
 
 
 def test_border_is_where_it_was_painted() -> None:

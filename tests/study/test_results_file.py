@@ -83,7 +83,7 @@ def test_another_file_is_refused(path: Path, content: bytes) -> None:
     with pytest.raises(StudyError, match="cannot be written") as caught:
         ResultsFile(path.parent)
     for file in (path, path.parent):
-        FileLock(f"{file}.lock", blocking=False).acquire().lock.release()
+        FileLock(f"{file}.lock").acquire(blocking=False).lock.release()
 
 
 def test_no_part_of_a_row_that_could_not_be_written_remains(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

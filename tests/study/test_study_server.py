@@ -147,7 +147,7 @@ def test_a_complete_session(ask: Callable[..., Asked], tmp_path: Path) -> None:
     session.close()
     with pytest.raises(RuntimeError, match="shutdown"):
         server._lane.submit(bool)
-    with pytest.raises(OSError):
+    with pytest.raises(ConnectionRefusedError):
         connect(server.url.replace("http", "ws") + "socket", open_timeout=5.0)
     assert player.closed
     again, *_ = ask()

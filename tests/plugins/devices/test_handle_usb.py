@@ -168,17 +168,21 @@ def test_an_error_on_opening_names_a_remedy(
 
 def test_a_device_is_taken_from_the_system_and_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for name in ("detach_kernel_driver", "set_configuration", "claim_interface", "release_interface", "close_device"):
-        monkeypatch.setattr(usb_board.Backend, name, lambda *given, name=name: calls.append(name), raising=False)
+    for name in (
+        *("open_device", "detach_kernel_driver", "set_configuration", "claim_interface", "bulk_write"),
+        *("release_interface", "close_device"),
+    ):
+        monkeypatch.setattr(usb_board.Backend, name, lambda *given, name=name: calls.append(name) or 1, raising=False)
     monkeypatch.setattr(usb_board.Backend, "is_kernel_driver_active", lambda *given: True)
     device = UsbDevice("toy", *usb_board.Backend.ids, BACKEND)
-    device.close()
-    device.close()
-    taken = ["detach_kernel_driver", "set_configuration", "claim_interface"]
-    assert calls == [*taken, "release_interface", "close_device"]
+    device.close(0x02, b"0")
+    device.close(0x02, b"0")  # does not open it again
+    taken = ["open_device", "detach_kernel_driver", "set_configuration", "claim_interface"]
+    assert calls == [*taken, "bulk_write", "release_interface", "close_device"]
     calls.clear()
     (found,) = DRIVER.find(backend=BACKEND)
-    assert (found.where, found.trouble, found.remedy, calls) == ("USB 1:1", "", "", ["close_device"])
+    assert (found.where, found.trouble, found.remedy) == ("USB 1:1", "", "")
+    assert calls == ["open_device", "close_device"]
 
 
 def test_errors_of_a_transfer(plugged_in: usb_board.Backend, monkeypatch: pytest.MonkeyPatch) -> None:

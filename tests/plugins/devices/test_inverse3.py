@@ -212,12 +212,12 @@ ENDED = threading.Event()
 def uri() -> Iterator[str]:
     """The address of a service that sends a message in parts, and returns what it receives."""
 
-    def talk(socket: Any) -> None:
+    def talk(wire: Any) -> None:
         with suppress(ConnectionClosed):
-            socket.send(iter(['{"inve', 'rse3":', " 5}"]))
-            answered = socket.ping().wait(20.0)
-            for message in socket:  # raises where the connection ends without a last message
-                socket.send(message)
+            wire.send(iter(['{"inve', 'rse3":', " 5}"]))
+            answered = wire.ping().wait(20.0)
+            for message in wire:  # raises where the connection ends without a last message
+                wire.send(message)
             if answered:
                 ENDED.set()
 

@@ -1,5 +1,6 @@
 """A simulated device in a simulated hand, as a driver."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hapscene.device.sim.hand import GRIPS
 
 def test_a_force_moves_the_device_on_the_spring_of_the_grip_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     at_exit: list[Any] = []
-    monkeypatch.setattr("atexit.register", at_exit.append)
+    monkeypatch.setattr("hapscene.device.driver_registry.atexit", SimpleNamespace(register=at_exit.append))
     device: Any = hapscene.device.open("simulated")
     assert at_exit == [device.close]
     k_N_m = GRIPS["light"].k_N_m
