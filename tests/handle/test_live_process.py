@@ -24,7 +24,7 @@ from hapscene.handle.live_stream import FADE_S
 from hapscene.handle.plant import Plant
 from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.watchdog import STILL_S
-from tests.virtual_clock import VirtualClock
+from tests.virtual_clock import PATIENCE_S, VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
@@ -176,6 +176,7 @@ def in_a_thread(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     context = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=process)
     monkeypatch.setattr(multiprocessing, "get_context", lambda kind: context)
     monkeypatch.setattr(live_process, "open_output", lambda *chosen: made.asked.append(chosen) or made.output)
+    monkeypatch.setattr(live_process, "ANSWER_S", PATIENCE_S)
     monkeypatch.setattr(live_process, "request_realtime_priority", lambda: made.asked.append("real time"))
     monkeypatch.setattr(signal, "signal", lambda *handler: made.asked.append(handler))
     return made
