@@ -250,9 +250,8 @@ def test_a_vendor_s_device_is_scheduled_checked_and_closed(
         wrong["unschedule"] = DeviceError("no answer")
         monkeypatch.setattr(os, "kill", lambda *given: acts.append(given))
         servo.pause()
-        assert (
-            acts[-1] == (os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM)) and len(list(tmp_path.iterdir())) == 2
-        )
+        assert acts[-1] == (os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+        assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_threads_of_vendors_have_clocks_of_their_own(plate: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
